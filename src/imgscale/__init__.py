@@ -1,0 +1,54 @@
+"""How big is the thing in this photo? Sizes from known objects and any depth, with an interval."""
+
+from __future__ import annotations
+
+from imgscale.camera import Camera
+from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
+from imgscale.detection import Detection
+from imgscale.errors import DepthMismatchError, FitError, ImgscaleError, MissingDependencyError
+from imgscale.fitting import fit
+from imgscale.frame import Frame
+from imgscale.model import Flag, Reference, ScaleModel, SizeEstimate
+from imgscale.noise import Noise
+from imgscale.pipeline import Measurement, measure
+from imgscale.prediction import predict
+from imgscale.priors import ObjectPrior, PriorTable
+from imgscale.protocols import DepthSource, Detector
+from imgscale.validation import leave_one_out
+
+__all__ = [
+    "Camera",
+    "Depth",
+    "DepthMap",
+    "DepthMismatchError",
+    "DepthSource",
+    "Detection",
+    "Detector",
+    "FitError",
+    "Flag",
+    "Frame",
+    "GroundPlane",
+    "ImgscaleError",
+    "Measurement",
+    "MissingDependencyError",
+    "Noise",
+    "ObjectDepths",
+    "ObjectPrior",
+    "PriorTable",
+    "Reference",
+    "ScaleModel",
+    "SizeEstimate",
+    "fit",
+    "leave_one_out",
+    "measure",
+    "predict",
+]
+
+
+def __getattr__(name: str) -> str:
+    if name == "__version__":
+        from importlib.metadata import version  # noqa: PLC0415 - 50 ms that few need
+
+        return version("imgscale")
+    msg = f"module 'imgscale' has no attribute {name!r}"
+    raise AttributeError(msg)

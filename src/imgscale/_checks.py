@@ -1,0 +1,119 @@
+"""Converters and validators: each states the law of a value, the value seen and the remedy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imgscale._typing import AnyFloatArray, ImageSize
+
+
+def as_float(value: float) -> float:
+    """Turn real numbers into `float`; leave anything else for the validator to name."""
+    if isinstance(value, (bool, np.bool_)):
+        return value
+    if isinstance(value, (int, float, np.integer, np.floating)):
+        return float(value)
+    return value
+
+
+def as_optional_float(value: float | None) -> float | None:
+    """Apply `as_float` except to None."""
+    return None if value is None else as_float(value)
+
+
+def is_number(value: object) -> bool:
+    """Tell whether a converted value is a real number (NaN and inf included)."""
+    return isinstance(value, float)
+
+
+def number_error(name: str, law: str, value: object, remedy: str = "") -> Exception:
+    """Build the error for a number that breaks its law: TypeError where it is no number."""
+    msg = f"`{name}` must be {law}; got {value!r}.{' ' + remedy if remedy else ''}"
+    return ValueError(msg) if is_number(value) else TypeError(msg)
+
+
+def positive(_: object, attribute: attrs.Attribute[Any], value: float | None) -> None:
+    """Validate a finite number above zero, or None where the field may be omitted."""
+    if value is None:
+        return
+    if not (is_number(value) and 0 < value < math.inf):
+        raise number_error(attribute.name, "finite and positive", value)
+
+
+def non_negative(_: object, attribute: attrs.Attribute[Any], value: float | None) -> None:
+    """Validate a finite number at or above zero, or None where the field may be omitted."""
+    if value is None:
+        return
+    if not (is_number(value) and 0 <= value < math.inf):
+        raise number_error(attribute.name, "finite and not negative", value)
+
+
+def finite(_: object, attribute: attrs.Attribute[Any], value: float | None) -> None:
+    """Validate a finite number, or None where the field may be omitted."""
+    if value is None:
+        return
+    if not (is_number(value) and math.isfinite(value)):
+        raise number_error(attribute.name, "finite", value)
+
+
+def text(_: object, attribute: attrs.Attribute[Any], value: str) -> None:
+    """Validate a string that is not blank."""
+    if not isinstance(value, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        msg = f"`{attribute.name}` must be a string; got {value!r}."
+        raise TypeError(msg)
+    if not value.strip():
+        msg = f"`{attribute.name}` must not be blank; got {value!r}."
+        raise ValueError(msg)
+
+
+def check_choice(name: str, value: object, allowed: Sequence[str]) -> None:
+    """Raise unless `value` is one of `allowed`."""
+    if not (isinstance(value, str) and value in allowed):
+        listed = ", ".join(f'"{choice}"' for choice in allowed)
+        msg = f"`{name}` must be one of {listed}; got {value!r}."
+        raise ValueError(msg)
+
+
+def as_image_size(value: Sequence[int] | None) -> ImageSize | None:
+    """Turn (width, height) into a tuple of two positive ints."""
+    if value is None:
+        return None
+    try:
+        width, height = value
+        size = (int(width), int(height))
+        lawful = size == (width, height) and min(size) > 0
+    except (TypeError, ValueError, OverflowError):
+        lawful = False
+        size = (0, 0)
+    if not lawful:
+        msg = (
+            f"`image_size` must be (width, height), two positive whole numbers of pixels; "
+            f"got {value!r}."
+        )
+        raise ValueError(msg)
+    return size
+
+
+def own_floats(name: str, values: ArrayLike, ndim: int, shape_law: str) -> AnyFloatArray:
+    """Copy real values into a read-only array; float dtypes stay, integers become float64."""
+    array: NDArray[Any] = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        msg = f"`{name}` must hold real numbers; got dtype {array.dtype}."
+        raise TypeError(msg)
+    if array.ndim != ndim or array.size == 0:
+        msg = f"`{name}` must have shape {shape_law} and hold something; got {array.shape}."
+        raise ValueError(msg)
+    owned: AnyFloatArray = array.astype(array.dtype if array.dtype.kind == "f" else np.float64)
+    owned.flags.writeable = False
+    return owned
+
+
+def array_summary(array: NDArray[Any] | None) -> str:
+    """Write an array as its shape and dtype, for reprs."""
+    return "None" if array is None else f"<{array.shape} {array.dtype}>"

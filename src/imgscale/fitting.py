@@ -1,0 +1,462 @@
+"""The verb `fit`: from the known objects of one image to its scale constant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TypedDict, Unpack, get_args
+
+import attrs
+import numpy as np
+
+from imgscale._checks import check_choice
+from imgscale._typing import BoolArray, DepthKind, FitMethod, FloatArray, ImageSize, IntArray
+from imgscale.camera import Camera
+from imgscale.closed_form import least_squares, mean_ratio
+from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
+from imgscale.detection import Detection
+from imgscale.errors import FitError
+from imgscale.estimator import (
+    LogFit,
+    LogObservations,
+    OthersView,
+    Subjects,
+    fit_robust,
+    fuse_with_prior,
+    log_k_std,
+    view_from_others,
+)
+from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
+from imgscale.model import Flag, Reference, ScaleModel, numbered_labels
+from imgscale.noise import Noise
+from imgscale.observations import Observations, observe, usable_depth
+from imgscale.priors import PriorTable
+
+__all__ = ["fit"]
+
+METHODS: tuple[FitMethod, ...] = get_args(FitMethod)
+OUTLIER = "outlier"
+# References that disagree this much more than their errors are reported.
+_INCONSISTENT_SCALE = 2.0
+_CONFLICT_Z = 3.0
+
+
+def fit(
+    detections: Sequence[Detection],
+    depth: Depth,
+    priors: PriorTable | None = None,
+    *,
+    ground: GroundPlane | None = None,
+    camera: Camera | None = None,
+    method: FitMethod = "robust",
+    noise: Noise = Noise(),  # noqa: B008 - frozen
+) -> ScaleModel:
+    """
+    Find the scale constant k of one image from objects of roughly known size.
+
+    Parameters
+    ----------
+    detections : sequence of Detection
+        The objects in the image, known and unknown ones.
+    depth : DepthMap or ObjectDepths
+        Their depth, of kind "metric", "relative" or "inverse".
+    priors : PriorTable, optional
+        Sizes by label; the shipped table, ``PriorTable.default()``, where omitted.
+    ground : GroundPlane, optional
+        Not supported in this version.
+    camera : Camera, optional
+        With metric depth, ``method="robust"`` takes its focal length as one more witness of k.
+        For every kind it gives distances. Its pitch must be 0 in this version.
+    method : str
+        "robust" weighs references by their errors and rejects outliers. "mean_ratio" (the mean of
+        the objects' own k) and "least_squares" (of H on d p, through the origin) are the paper's;
+        they reject nothing that has a prior and a depth and is not partial.
+    noise : Noise
+        Errors of boxes and depths.
+
+    Returns
+    -------
+    ScaleModel
+        The model, with one `Reference` for every detection.
+
+    Raises
+    ------
+    FitError
+        If no detection can be a reference and no camera fixes k.
+    ValueError
+        If an argument breaks its law.
+    TypeError
+        If an argument is of the wrong type.
+
+    Notes
+    -----
+    Height per pixel = k * depth; k is 1 / focal length for metric depth and the stereo baseline
+    in metres for raw disparity. The robust method solves ``log H_i = log k + log(d_i p_i) +
+    noise`` with one shared deviation per label integrated out.
+
+    References
+    ----------
+    .. [1] S. Singh and R. S. Shrivastava, "Determining Image Scale in Real-World Units Using
+       Natural Objects Present in Image", EasyChair preprint, 2023.
+
+    Examples
+    --------
+    >>> import imgscale as ims
+    >>> detections = [ims.Detection("door", (100, 50, 180, 250)),
+    ...               ims.Detection("statue", (300, 80, 400, 230))]
+    >>> depth = ims.ObjectDepths([4.0, 4.0], kind="relative", rel_std=0.01)
+    >>> model = ims.fit(detections, depth, ims.PriorTable([ims.ObjectPrior("door", 2.0, 0.02)]))
+    >>> print(model)
+    k = 0.00250 +- 0.00004 m per px and depth unit (depth unit / focal length) from 1 of 1
+    reference; without a prior: statue
+    >>> ims.fit(detections[1:], ims.ObjectDepths([4.0], kind="relative"))
+    Traceback (most recent call last):
+        ...
+    imgscale.errors.FitError: `detections` must hold at least one reference: an object with a
+    prior and a depth, in full view; got statue (no prior). Add its size with
+    PriorTable.default().with_prior(ObjectPrior(label, mean_m, std_m)).
+    """
+    obs, setting = observe_references(
+        detections, depth, priors, ground=ground, camera=camera, method=method, noise=noise
+    )
+    return fit_observed(detections, obs, setting)
+
+
+@attrs.frozen(kw_only=True)
+class Setting:
+    """
+    What a model keeps of the call that made it; the fields are those of `ScaleModel`.
+
+    Attributes
+    ----------
+    kind, method, priors, noise, camera, image_size, fingerprint, scale_rel_std : object
+        As in `ScaleModel`.
+    """
+
+    kind: DepthKind
+    method: FitMethod
+    priors: PriorTable
+    noise: Noise
+    camera: Camera | None
+    image_size: ImageSize | None
+    fingerprint: int | None
+    scale_rel_std: float
+
+
+class FitOptions(TypedDict, total=False):
+    """The keyword arguments of `fit`, for functions that pass them on."""
+
+    ground: GroundPlane | None
+    camera: Camera | None
+    method: FitMethod
+    noise: Noise
+
+
+def observe_references(
+    detections: Sequence[Detection],
+    depth: Depth,
+    priors: PriorTable | None = None,
+    **options: Unpack[FitOptions],
+) -> tuple[Observations, Setting]:
+    """
+    Check the arguments of `fit` and turn them into columns.
+
+    Parameters
+    ----------
+    detections, depth, priors
+        As for `fit`.
+    **options
+        The keyword arguments of `fit`.
+
+    Returns
+    -------
+    obs : Observations
+        One row per detection.
+    setting : Setting
+        What the model keeps.
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its law.
+    TypeError
+        If an argument is of the wrong type.
+    """
+    usable = usable_depth(depth)
+    noise, camera = options.get("noise", Noise()), options.get("camera")
+    method = options.get("method", METHODS[-1])
+    _check_options(usable, priors, options.get("ground"), camera, method, noise)
+    table = PriorTable.default() if priors is None else priors
+    is_map = isinstance(usable, DepthMap)
+    setting = Setting(
+        kind=usable.kind,
+        method=method,
+        priors=table,
+        noise=noise,
+        camera=camera,
+        image_size=usable.image_size,
+        fingerprint=usable.fingerprint if is_map else None,
+        scale_rel_std=usable.scale_rel_std if is_map else 0.0,
+    )
+    return observe(detections, usable, table, noise), setting
+
+
+def fit_observed(
+    detections: Sequence[Detection], obs: Observations, setting: Setting
+) -> ScaleModel:
+    """
+    Fit k to the rows of `obs` that have no reason against them.
+
+    Parameters
+    ----------
+    detections : sequence of Detection
+        The objects, for their labels and boxes.
+    obs : Observations
+        Their columns.
+    setting : Setting
+        The options of the fit.
+
+    Returns
+    -------
+    ScaleModel
+        The model.
+
+    Raises
+    ------
+    FitError
+        If there is no reference and no camera to fix k.
+    """
+    rows = obs.eligible
+    witness = _camera_witness(setting)
+    log_obs = _log_observations(obs, rows, witness)
+    if not log_obs.y.size:
+        raise FitError(_no_reference(detections, obs))
+    if setting.method == "robust":
+        solution = fit_robust(log_obs)
+    else:
+        solution = _fit_closed_form(obs, rows, log_obs, setting.method)
+    log_k = float(solution.log_k[0])
+    references = _references(detections, obs, rows, log_obs, solution)
+    return ScaleModel(
+        k=math.exp(log_k),
+        k_std=math.exp(log_k) * float(solution.log_std[0]),
+        shift=0.0,
+        shift_std=0.0,
+        mean_depth=_mean_depth(references, setting.kind),
+        references=references,
+        flags=_flags(references, obs, log_obs, solution, setting, bool(witness)),
+        camera_precision=_precision(solution)[-1] if witness else 0.0,
+        **attrs.asdict(setting, recurse=False),
+    )
+
+
+def _check_options(
+    depth: DepthMap | ObjectDepths,
+    priors: PriorTable | None,
+    ground: GroundPlane | None,
+    camera: Camera | None,
+    method: str,
+    noise: Noise,
+) -> None:
+    """Raise where an option breaks its law."""
+    check_choice("method", method, METHODS)
+    wanted = (("priors", priors, PriorTable), ("camera", camera, Camera), ("noise", noise, Noise))
+    for name, value, wanted_type in wanted:
+        if not isinstance(value, wanted_type) and (value is not None or name == "noise"):
+            msg = f"`{name}` must be a {wanted_type.__name__}; got {type(value).__name__}."
+            raise TypeError(msg)
+    if ground is not None:
+        msg = "`ground` must be None in this version; a second witness is not fitted yet."
+        raise ValueError(msg)
+    if camera is not None:
+        camera.check_image_size(depth.image_size)
+        if camera.pitch_deg or camera.pitch_std_deg:
+            msg = (
+                f"`camera.pitch_deg` must be 0 in this version; got {camera.pitch_deg} +- "
+                f"{camera.pitch_std_deg}. Tilted cameras are not corrected yet."
+            )
+            raise ValueError(msg)
+
+
+def _camera_witness(setting: Setting) -> tuple[float, float] | None:
+    """log k and its variance by the focal length: with metric depth, k = 1 / f."""
+    camera = setting.camera
+    if camera is None or setting.kind != "metric" or setting.method != "robust":
+        return None
+    return -math.log(camera.focal_px), camera.focal_rel_std**2 + setting.scale_rel_std**2
+
+
+def _log_observations(
+    obs: Observations, rows: IntArray, witness: tuple[float, float] | None
+) -> LogObservations:
+    """Columns of the solver: the references of one image and, last, the camera."""
+    y = obs.prior_log[rows] - obs.log_size[rows]
+    variance = obs.prior_var[rows] + obs.noise_var[rows]
+    tau, group = obs.tau[rows], obs.group[rows]
+    if witness:
+        y, variance = np.append(y, witness[0]), np.append(variance, witness[1])
+        tau, group = np.append(tau, 0.0), np.append(group, group.max(initial=-1) + 1)
+    return LogObservations(
+        y=y, variance=variance, tau=tau, image=np.zeros(y.size, dtype=np.intp), group=group
+    )
+
+
+def _fit_closed_form(
+    obs: Observations, rows: IntArray, log_obs: LogObservations, method: FitMethod
+) -> LogFit:
+    """Apply the paper's estimators; their error is the declared one or, where more, the scatter."""
+    estimate = mean_ratio if method == "mean_ratio" else least_squares
+    k, share = estimate(np.exp(obs.log_size[rows]), obs.prior_m[rows])
+    own_k = np.log(obs.prior_m[rows]) - obs.log_size[rows]
+    chi2 = float(np.sum(((own_k - math.log(k)) / log_obs.total_std) ** 2))
+    scale = np.array([math.sqrt(max(1.0, chi2 / max(1, rows.size - 1)))])
+    return LogFit(
+        log_k=np.array([math.log(k)]),
+        log_std=scale * log_k_std(log_obs, share),
+        scale=scale,
+        weight=1 / log_obs.variance,
+        share=share,
+    )
+
+
+def _precision(solution: LogFit) -> list[float]:
+    """Precision of each witness of log k, less where the references disagree as a whole."""
+    return (solution.weight / solution.scale[0] ** 2).tolist()
+
+
+def _references(
+    detections: Sequence[Detection],
+    obs: Observations,
+    rows: IntArray,
+    log_obs: LogObservations,
+    solution: LogFit,
+) -> tuple[Reference, ...]:
+    """Explain every detection."""
+    count = rows.size
+    tau, group = log_obs.tau[:count], log_obs.group[:count]
+    precision = np.array(_precision(solution))
+
+    def view(weight: FloatArray) -> OthersView:
+        own = Subjects(
+            image=log_obs.image[:count],
+            group=group,
+            tau=tau,
+            own_weight=weight[:count],
+            own_y=log_obs.y[:count],
+        )
+        return view_from_others(log_obs, weight, own)
+
+    others = view(solution.weight)
+    predicted = others.log_k + others.offset
+    predicted_var = others.log_k_var + others.offset_var + 2 * others.covariance
+    z_score = (log_obs.y[:count] - predicted) / np.sqrt(predicted_var + log_obs.variance[:count])
+    outlier = solution.weight[:count] == 0
+    measured = solution.log_k[0] + obs.log_size[rows]
+    fused, fused_var = fuse_with_prior(
+        view(precision), obs.prior_log[rows], obs.prior_var[rows], obs.log_size[rows],
+        obs.noise_var[rows],
+    )  # fmt: skip
+    # an outlier's prior does not hold for it: what is left is its measurement
+    posterior = np.where(outlier, measured, fused)
+    posterior_var = np.where(outlier, solution.log_std[0] ** 2 + obs.noise_var[rows], fused_var)
+
+    columns = {
+        "posterior_m": np.exp(posterior),
+        "posterior_std_m": np.exp(posterior) * np.sqrt(posterior_var),
+        "z_score": z_score,
+        "precision": precision[:count],
+        "weight": solution.share[:count],
+    }
+    place = {int(row): index for index, row in enumerate(rows)}
+    return tuple(
+        _reference(detection, obs, row, place.get(row), columns, outlier)
+        for row, detection in enumerate(detections)
+    )
+
+
+def _reference(
+    detection: Detection,
+    obs: Observations,
+    row: int,
+    place: int | None,
+    columns: dict[str, FloatArray],
+    outlier: BoolArray,
+) -> Reference:
+    """Gather one row; `place` is its place among the candidates."""
+    absent = {"precision": 0.0, "weight": 0.0}
+    own = {
+        name: absent.get(name, math.nan) if place is None else float(values[place])
+        for name, values in columns.items()
+    }
+    reason = obs.reason[row] if place is None else (OUTLIER if outlier[place] else "")
+    return Reference(
+        label=detection.label,
+        xyxy=detection.xyxy,
+        axis=obs.axis[row],
+        pixels=float(obs.pixels[row]),
+        depth=float(obs.depth[row]),
+        metres_per_pixel=float(obs.prior_m[row] / obs.pixels[row]),
+        k=float(obs.prior_m[row] / math.exp(obs.log_size[row])),
+        prior_m=float(obs.prior_m[row]),
+        prior_std_m=float(obs.prior_std_m[row]),
+        prior_mean_std_m=float(obs.prior_mean_std_m[row]),
+        noise_rel=math.sqrt(obs.noise_var[row]),
+        reason=reason,
+        **own,
+    )
+
+
+def _mean_depth(references: Sequence[Reference], kind: DepthKind) -> float:
+    """Mean of the used references' depths, averaged as distances (the paper's fig. 3.17)."""
+    depths = np.array([ref.depth for ref in references if ref.used])
+    if not depths.size:
+        return math.nan
+    return LAWS[kind].value_at(float(LAWS[kind].relative_distance(depths).mean()))
+
+
+def _flags(
+    references: Sequence[Reference],
+    obs: Observations,
+    log_obs: LogObservations,
+    solution: LogFit,
+    setting: Setting,
+    has_camera: bool,  # noqa: FBT001 - private
+) -> Flag:
+    """Collect the model's reservations."""
+    used = [index for index, ref in enumerate(references) if ref.used]
+    labels = {int(obs.group[index]) for index in used}
+    focal_px = math.exp(-float(solution.log_k[0]))
+    side = max(setting.image_size) if setting.image_size else math.nan
+    residual = (log_obs.y[-1] - solution.log_k[0]) / math.hypot(
+        log_obs.total_std[-1], solution.log_std[0]
+    )
+    raised = {
+        Flag.SINGLE_REFERENCE: len(used) == 1 and not has_camera,
+        Flag.SINGLE_LABEL: len(used) > 1 and len(labels) == 1 and not has_camera,
+        Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
+        Flag.INCONSISTENT: bool(solution.scale[0] > _INCONSISTENT_SCALE),
+        Flag.CAMERA_CONFLICT: has_camera and bool(abs(residual) > _CONFLICT_Z),
+        Flag.IMPLAUSIBLE_FOCAL: setting.kind == "metric"
+        and (focal_px < PLAUSIBLE_FOCAL[0] * side or focal_px > PLAUSIBLE_FOCAL[1] * side),
+    }
+    flags = Flag(0)
+    for flag, is_raised in raised.items():
+        if is_raised:
+            flags |= flag
+    return flags
+
+
+def _no_reference(detections: Sequence[Detection], obs: Observations) -> str:
+    """Say what was seen and what to add."""
+    seen = [
+        f"{name} ({reason})"
+        for name, reason in zip(
+            numbered_labels([detection.label for detection in detections]), obs.reason, strict=True
+        )
+    ]
+    more = f" and {len(seen) - 5} more" if len(seen) > 5 else ""
+    return (
+        "`detections` must hold at least one reference: an object with a prior and a depth, in "
+        f"full view; got {', '.join(seen[:5]) or 'no detection'}{more}. Add its size with "
+        "PriorTable.default().with_prior(ObjectPrior(label, mean_m, std_m))."
+    )

@@ -1,0 +1,58 @@
+"""One image of many: what was detected in it, its depth and its camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import attrs
+
+from imgscale.camera import Camera
+from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
+from imgscale.detection import Detection
+
+__all__ = ["Frame"]
+
+
+def _check_detections(_: object, __: attrs.Attribute[Any], value: Sequence[object]) -> None:
+    for index, item in enumerate(value):
+        if not isinstance(item, Detection):
+            msg = f"`detections` must hold Detection objects; got {item!r} at index {index}."
+            raise TypeError(msg)
+
+
+def _check_depth(_: object, __: attrs.Attribute[Any], value: object) -> None:
+    if not isinstance(value, (DepthMap, ObjectDepths, GroundPlane)):
+        msg = (
+            f"`depth` must be a DepthMap, ObjectDepths or GroundPlane; got {type(value).__name__}."
+        )
+        raise TypeError(msg)
+
+
+@attrs.frozen(eq=False)
+class Frame:
+    """
+    What belongs to one image.
+
+    Attributes
+    ----------
+    detections : tuple of Detection
+        The objects.
+    depth : DepthMap, ObjectDepths or GroundPlane
+        The image's depth.
+    camera : Camera or None
+        What is known of the camera.
+    name : str
+        The image's name, for messages and tables.
+
+    Examples
+    --------
+    >>> from imgscale import Detection, Frame, ObjectDepths
+    >>> Frame([Detection("car", (0, 0, 9, 9))], ObjectDepths([7.0], kind="metric"), name="a").name
+    'a'
+    """
+
+    detections: tuple[Detection, ...] = attrs.field(converter=tuple, validator=_check_detections)
+    depth: Depth = attrs.field(validator=_check_depth)
+    camera: Camera | None = attrs.field(default=None, kw_only=True)
+    name: str = attrs.field(default="", kw_only=True)

@@ -1,0 +1,611 @@
+"""Results: the fitted model, its references, the sizes it predicts and their flags. No solving."""
+
+from __future__ import annotations
+
+import enum
+import html
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+import numpy as np
+from numpy.typing import ArrayLike
+
+from imgscale._format import with_error
+from imgscale._typing import Box, DepthKind, FitMethod, FloatArray, ImageSize, SizeAxis
+from imgscale.camera import Camera
+from imgscale.depth import DepthMap, valid_depths
+from imgscale.errors import DepthMismatchError
+from imgscale.laws import LAWS
+from imgscale.noise import Noise
+from imgscale.priors import ObjectPrior, PriorTable
+
+__all__ = ["Flag", "Reference", "ScaleModel", "SizeEstimate"]
+
+_SCHEMA = 1
+
+
+class Flag(enum.Flag):
+    """
+    Reservations about a model or an estimate; test with ``Flag.OUTLIERS in model.flags``.
+
+    Attributes
+    ----------
+    SINGLE_REFERENCE : Flag
+        One object alone fixed the scale; nothing checks it.
+    SINGLE_LABEL : Flag
+        Several references, all of one label: they share the error of its mean size.
+    OUTLIERS : Flag
+        At least one reference was rejected.
+    INCONSISTENT : Flag
+        The references disagree by much more than their errors; the interval was widened.
+    CAMERA_CONFLICT : Flag
+        The focal length given disagrees with references and depth by more than 3 standard errors.
+    IMPLAUSIBLE_FOCAL : Flag
+        The focal length implied by metric depth is outside 0.3 to 6 image sides: a unit is wrong.
+    REFERENCE : Flag
+        The object was itself a reference; its prior is in k and is not counted twice.
+    PRIOR_USED : Flag
+        The object's own prior was fused with the measurement.
+    MEAN_DEPTH : Flag
+        The object's depth was replaced by the references' mean depth.
+    NO_DEPTH : Flag
+        The depth map has no valid value on the object.
+    MIXED_DEPTH : Flag
+        Two surfaces share the object's box; the depth may be that of the other.
+    PARTIAL : Flag
+        The box is cut by the border or marked partial: the size is that of the visible part.
+    EXTRAPOLATED : Flag
+        The object lies far outside the depths that the references support.
+    BEYOND_HORIZON : Flag
+        The object lies where the fitted law has no finite depth.
+    """
+
+    SINGLE_REFERENCE = enum.auto()
+    SINGLE_LABEL = enum.auto()
+    OUTLIERS = enum.auto()
+    INCONSISTENT = enum.auto()
+    CAMERA_CONFLICT = enum.auto()
+    IMPLAUSIBLE_FOCAL = enum.auto()
+    REFERENCE = enum.auto()
+    PRIOR_USED = enum.auto()
+    MEAN_DEPTH = enum.auto()
+    NO_DEPTH = enum.auto()
+    MIXED_DEPTH = enum.auto()
+    PARTIAL = enum.auto()
+    EXTRAPOLATED = enum.auto()
+    BEYOND_HORIZON = enum.auto()
+
+
+def flag_names(flags: Flag) -> list[str]:
+    """List the names of the flags that are set, in the order of their definition."""
+    return [flag.name for flag in Flag if flag in flags and flag.name is not None]
+
+
+def log_interval(value: float, std: float, level: float) -> tuple[float, float]:
+    """
+    Compute the central interval of a log-normal quantity.
+
+    Parameters
+    ----------
+    value : float
+        Its median.
+    std : float
+        Its standard error, ``value`` times the standard deviation of its logarithm.
+    level : float
+        Probability that the interval holds the truth, above 0 and below 1.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper end; NaN where the value is NaN.
+
+    Raises
+    ------
+    ValueError
+        If the level is no probability.
+    """
+    if not 0 < level < 1:
+        msg = f"`level` must be above 0 and below 1; got {level!r}."
+        raise ValueError(msg)
+    if math.isnan(value):
+        return (math.nan, math.nan)
+    from statistics import NormalDist  # noqa: PLC0415 - 20 ms of import that few calls need
+
+    factor = math.exp(NormalDist().inv_cdf((1 + level) / 2) * std / value)
+    return (value / factor, value * factor)
+
+
+@attrs.frozen(kw_only=True)
+class Reference:
+    """
+    What one detection given to `fit` said of the scale.
+
+    Attributes
+    ----------
+    label : str
+        Its label.
+    xyxy : tuple of float
+        Its box, in pixels.
+    axis : str
+        The axis through which it is a witness.
+    pixels : float
+        Its extent along that axis, in pixels.
+    depth : float
+        Its depth, in the unit of the depth given; NaN where there is none.
+    metres_per_pixel : float
+        Its own height per pixel, prior mean over pixels, in m/px; NaN without a prior.
+    k : float
+        The k that it alone gives, NaN without prior or depth.
+    prior_m, prior_std_m, prior_mean_std_m : float
+        Its prior: mean, spread between individuals and standard error of the mean, in metres, of
+        the mixture where the label has several rows; NaN without a prior.
+    noise_rel : float
+        Relative standard error of box and depth together; NaN without a depth.
+    posterior_m, posterior_std_m : float
+        Its size in the light of all references, in metres; NaN where it is no candidate.
+    z_score : float
+        Residual of log size against all other references, in standard errors; NaN where there is
+        no other.
+    precision : float
+        Weight that it kept in the fit of log k: 1 / variance, less where it disagrees.
+    weight : float
+        Its share in k, 0 to 1; shares sum to 1 (with the camera's, where that is a witness).
+    reason : str
+        Why it was not used: "no prior", "partial", "no depth" or "outlier"; empty where it was.
+    """
+
+    label: str
+    xyxy: Box
+    axis: SizeAxis
+    pixels: float
+    depth: float
+    metres_per_pixel: float
+    k: float
+    prior_m: float
+    prior_std_m: float
+    prior_mean_std_m: float
+    noise_rel: float
+    posterior_m: float
+    posterior_std_m: float
+    z_score: float
+    precision: float
+    weight: float
+    reason: str
+
+    @property
+    def used(self) -> bool:
+        """True where it carried the fit."""
+        return not self.reason
+
+
+@attrs.frozen(kw_only=True)
+class SizeEstimate:
+    """
+    The size of one object.
+
+    Attributes
+    ----------
+    label : str
+        Its label.
+    axis : str
+        "height", "width" or "diameter".
+    size_m : float
+        Median of its size, in metres; NaN where it cannot be said.
+    std_m : float
+        Standard error in metres: size times the standard deviation of its logarithm.
+    metres_per_pixel : float
+        Scale at its distance, in m/px; NaN without a depth.
+    depth : float
+        Its depth, in the unit of the depth given; NaN without one.
+    distance_m : float or None
+        Its z-depth in metres; None where no focal length is known, NaN without a depth.
+    flags : Flag
+        Reservations.
+    """
+
+    label: str
+    axis: SizeAxis
+    size_m: float
+    std_m: float
+    metres_per_pixel: float
+    depth: float
+    distance_m: float | None
+    flags: Flag
+
+    def interval(self, level: float = 0.9) -> tuple[float, float]:
+        """
+        Compute the interval that holds the size with a given probability.
+
+        Parameters
+        ----------
+        level : float
+            The probability, above 0 and below 1.
+
+        Returns
+        -------
+        tuple of float
+            Lower and upper end, in metres; NaN where `size_m` is.
+
+        Raises
+        ------
+        ValueError
+            If the level is no probability.
+
+        Examples
+        --------
+        >>> from imgscale import Flag, SizeEstimate
+        >>> estimate = SizeEstimate(label="car", axis="height", size_m=1.5, std_m=0.06,
+        ...                         metres_per_pixel=0.01, depth=7.0, distance_m=None,
+        ...                         flags=Flag(0))
+        >>> [round(end, 2) for end in estimate.interval(0.9)]
+        [1.4, 1.6]
+        """
+        return log_interval(self.size_m, self.std_m, level)
+
+    def __str__(self) -> str:
+        words = ", ".join(flag_names(self.flags))
+        size = "unknown" if math.isnan(self.size_m) else f"{with_error(self.size_m, self.std_m)} m"
+        return f"{self.label}: {self.axis} {size}{f' ({words})' if words else ''}"
+
+
+@attrs.frozen(kw_only=True)
+class ScaleModel:
+    """
+    The scale of one image, as `fit` found it.
+
+    Attributes
+    ----------
+    k : float
+        The scale constant: metres per pixel are k times depth (see `metres_per_pixel`). It is
+        1 / focal length for metric depth and the stereo baseline in metres for raw disparity.
+    k_std : float
+        Its standard error, k times the standard deviation of log k.
+    shift, shift_std : float
+        Shift of the inverse depth and its standard error; 0 for kinds without one.
+    kind : str
+        The kind of depth it was fitted to.
+    method : str
+        The estimator.
+    mean_depth : float
+        Mean depth of the references used, in the unit of the depth given (the paper's fig. 3.17);
+        NaN where the camera alone fixed the scale.
+    references : tuple of Reference
+        One for each detection given to `fit`, in their order.
+    flags : Flag
+        Reservations.
+    priors : PriorTable
+        The sizes it rests on.
+    noise : Noise
+        The errors it assumed, used again by `predict`.
+    camera : Camera or None
+        The camera given.
+    image_size : (width, height) or None
+        Size of the image in pixels, where known.
+    fingerprint : int or None
+        Checksum of the depth map it was fitted to.
+    scale_rel_std : float
+        Relative standard error of the depth map's scale as a whole, as the map carried it.
+    camera_precision : float
+        Weight of the camera's focal length in the fit of log k, 0 where it was no witness.
+    """
+
+    k: float
+    k_std: float
+    shift: float
+    shift_std: float
+    kind: DepthKind
+    method: FitMethod
+    mean_depth: float
+    references: tuple[Reference, ...]
+    flags: Flag
+    priors: PriorTable = attrs.field(repr=lambda table: f"<{len(table)} priors>")
+    noise: Noise
+    camera: Camera | None
+    image_size: ImageSize | None
+    fingerprint: int | None
+    scale_rel_std: float
+    camera_precision: float
+
+    @property
+    def focal_px(self) -> float | None:
+        """Focal length in pixels: the camera's, else 1 / k for metric depth, else None."""
+        if self.camera is not None:
+            return self.camera.focal_px
+        return 1 / self.k if self.kind == "metric" else None
+
+    @property
+    def camera_height_m(self) -> float | None:
+        """Height of the camera above the ground plane in metres, None for other kinds."""
+        return self.k if self.kind == "ground_plane" else None
+
+    @property
+    def horizon_px(self) -> float | None:
+        """Row of the horizon in pixels, None for kinds other than the ground plane."""
+        return -self.shift if self.kind == "ground_plane" else None
+
+    @property
+    def mse_m2(self) -> float:
+        """
+        Mean squared error of the used references' sizes, in square metres (fig. 3.18).
+
+        Each is predicted as ``k * d * p`` with the image's one k and compared with its prior mean.
+        """
+        law = LAWS[self.kind]
+        squares = [
+            (
+                ref.prior_m
+                - self.k * float(law.relative_distance(ref.depth, self.shift)) * ref.pixels
+            )
+            ** 2
+            for ref in self.references
+            if ref.used
+        ]
+        return float(np.mean(squares)) if squares else math.nan
+
+    def metres_per_pixel(self, depth: ArrayLike) -> FloatArray:
+        """
+        Compute the scale at given depths.
+
+        Parameters
+        ----------
+        depth : array_like of float
+            Depth values of the model's kind, of any shape.
+
+        Returns
+        -------
+        ndarray of float64
+            ``k * d`` in m/px, of the same shape; NaN where a value is no depth.
+
+        Examples
+        --------
+        >>> import imgscale as ims
+        >>> door = ims.Detection("door", (100, 50, 180, 250))
+        >>> table = ims.PriorTable([ims.ObjectPrior("door", 2.0, 0.0)])
+        >>> model = ims.fit([door], ims.ObjectDepths([4.0], kind="relative"), table)
+        >>> model.metres_per_pixel([4.0, 8.0])
+        array([0.01, 0.02])
+        """
+        values = np.asarray(depth, dtype=np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = LAWS[self.kind].relative_distance(values, self.shift)
+        return np.where(valid_depths(values, self.kind) & (distance > 0), self.k * distance, np.nan)
+
+    def scale_map(self, depth: DepthMap) -> FloatArray:
+        """
+        Compute the scale at every pixel of the depth map.
+
+        Parameters
+        ----------
+        depth : DepthMap
+            The map that the model was fitted to, or for metric depth any map of that camera.
+
+        Returns
+        -------
+        (H, W) ndarray of float64
+            Metres per pixel of the image, for an object that lies there; NaN without depth.
+
+        Raises
+        ------
+        DepthMismatchError
+            If the map is of another kind or, unless the kind is metric, another map.
+        """
+        self.check_depth(depth, same_scale=False)
+        return self.metres_per_pixel(depth.values)
+
+    def to_metric(self, depth: DepthMap, camera: Camera) -> DepthMap:
+        """
+        Put a depth map of any kind into metres.
+
+        Parameters
+        ----------
+        depth : DepthMap
+            The map that the model was fitted to.
+        camera : Camera
+            The camera's focal length, in pixels of the image.
+
+        Returns
+        -------
+        DepthMap
+            Metric z-depth, Z = focal length x metres per pixel, with the error of k and of the
+            focal length as its `scale_rel_std`.
+
+        Raises
+        ------
+        DepthMismatchError
+            If the map is of another kind or, unless the kind is metric, another map.
+        ValueError
+            If the camera belongs to another size of image.
+
+        Examples
+        --------
+        One known object puts a relative map into metres:
+
+        >>> import numpy as np
+        >>> import imgscale as ims
+        >>> depth = ims.DepthMap(np.full((480, 640), 4.0), kind="relative")
+        >>> door = ims.Detection("door", (100, 50, 180, 250))
+        >>> table = ims.PriorTable([ims.ObjectPrior("door", 2.0, 0.02)])
+        >>> model = ims.fit([door], depth, table)
+        >>> metric = model.to_metric(depth, ims.Camera(500.0, focal_rel_std=0.0))
+        >>> float(metric.values[0, 0].round(2))
+        5.0
+        """
+        camera.check_image_size(depth.image_size)
+        return DepthMap(
+            camera.focal_px * self.scale_map(depth),
+            kind="metric",
+            image_size=depth.image_size,
+            scale_rel_std=math.hypot(self.k_std / self.k, camera.focal_rel_std),
+        )
+
+    def check_depth(self, depth: object, *, same_scale: bool) -> None:
+        """
+        Raise unless depth is of the model's kind and scale.
+
+        Parameters
+        ----------
+        depth : DepthMap, ObjectDepths or GroundPlane
+            The depth to be used with the model.
+        same_scale : bool
+            True where the caller vouches that another map has the scale of the fitted one.
+
+        Raises
+        ------
+        DepthMismatchError
+            If the kind differs or, unless the kind is metric, the map.
+        """
+        kind = getattr(depth, "kind", None)
+        if kind != self.kind:
+            msg = f'`depth` must be of the model\'s kind, "{self.kind}"; got "{kind}".'
+            raise DepthMismatchError(msg)
+        if self.kind == "metric" or same_scale or self.fingerprint is None:
+            return
+        if isinstance(depth, DepthMap) and depth.fingerprint != self.fingerprint:
+            msg = (
+                f'`depth` must be the map that the model was fitted to; got another "{self.kind}" '
+                "map, whose scale is its own. Fit it anew, or pass same_scale=True to `predict` "
+                "where its source keeps one scale."
+            )
+            raise DepthMismatchError(msg)
+
+    def to_dict(self) -> dict[str, Any]:
+        """
+        Turn the model into built-in types that `json` writes.
+
+        Returns
+        -------
+        dict
+            With a "schema" entry; floats that are not finite become None.
+        """
+        record = attrs.asdict(self, recurse=True, value_serializer=_plain)
+        record["priors"] = [_plain_record(prior) for prior in self.priors]
+        return {"schema": _SCHEMA, **record}
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> ScaleModel:
+        """
+        Rebuild a model from `to_dict`.
+
+        Parameters
+        ----------
+        record : mapping
+            What `to_dict` returned, also after a round trip through JSON.
+
+        Returns
+        -------
+        ScaleModel
+            An equal model.
+
+        Raises
+        ------
+        ValueError
+            If the record is of another schema.
+        """
+        fields = dict(record)
+        if fields.pop("schema", None) != _SCHEMA:
+            msg = f"`record` must have schema {_SCHEMA}; got {record.get('schema')!r}."
+            raise ValueError(msg)
+        fields["references"] = tuple(_reference(item) for item in fields["references"])
+        fields["flags"] = _flags(fields["flags"])
+        fields["priors"] = PriorTable([ObjectPrior(**item) for item in fields["priors"]])
+        fields["noise"] = Noise(**fields["noise"])
+        fields["camera"] = None if fields["camera"] is None else Camera(**fields["camera"])
+        size = fields["image_size"]
+        fields["image_size"] = None if size is None else (int(size[0]), int(size[1]))
+        if fields["mean_depth"] is None:
+            fields["mean_depth"] = math.nan
+        return cls(**fields)
+
+    def __str__(self) -> str:
+        law = LAWS[self.kind]
+        numbers = numbered_labels([ref.label for ref in self.references])
+        pairs = list(zip(numbers, self.references, strict=True))
+        used = sum(ref.used for ref in self.references)
+        candidates = sum(ref.reason != "no prior" for ref in self.references)
+        noun = "reference" if candidates == 1 else "references"
+        text = f"{_k_text(self)} ({law.k_meaning}) from {used} of {candidates} {noun}"
+        for title, wanted in (("not used", True), ("without a prior", False)):
+            names = [
+                f"{name} ({ref.reason})" if wanted else name
+                for name, ref in pairs
+                if not ref.used and (ref.reason != "no prior") == wanted
+            ]
+            if names:
+                text += f"; {title}: {', '.join(names)}"
+        return text
+
+    def _repr_html_(self) -> str:
+        numbers = numbered_labels([ref.label for ref in self.references])
+        rows = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{ref.pixels:.4g}</td><td>{ref.depth:.4g}</td>"
+            f"<td>{ref.weight:.2f}</td><td>{html.escape(ref.reason or 'used')}</td></tr>"
+            for name, ref in zip(numbers, self.references, strict=True)
+        )
+        return (
+            f"<table><caption>{html.escape(str(self))}</caption><tr><th>object</th><th>pixels</th>"
+            f"<th>depth</th><th>share in k</th><th>reference</th></tr>{rows}</table>"
+        )
+
+
+def numbered_labels(labels: Sequence[str]) -> list[str]:
+    """
+    Tell objects of one label apart by a number.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Labels in order.
+
+    Returns
+    -------
+    list of str
+        "car 1", "car 2"; a label that occurs once stays as it is.
+    """
+    totals = Counter(labels)
+    seen: Counter[str] = Counter()
+    names: list[str] = []
+    for label in labels:
+        seen[label] += 1
+        names.append(f"{label} {seen[label]}" if totals[label] > 1 else label)
+    return names
+
+
+def _k_text(model: ScaleModel) -> str:
+    """Write k with its error, in powers of ten where it is small."""
+    unit = LAWS[model.kind].k_unit
+    if model.k >= 1e-3 or not model.k > 0:
+        return f"k = {with_error(model.k, model.k_std)} {unit}"
+    exponent = math.floor(math.log10(model.k))
+    factor = 10.0**exponent
+    return f"k = ({with_error(model.k / factor, model.k_std / factor)})e{exponent} {unit}"
+
+
+def _plain(_: object, __: object, value: object) -> object:
+    """Make one field JSON-ready; tables are written apart."""
+    if isinstance(value, Flag):
+        return flag_names(value)
+    if isinstance(value, PriorTable):
+        return None
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _plain_record(prior: ObjectPrior) -> dict[str, Any]:
+    return attrs.asdict(prior, value_serializer=_plain)
+
+
+def _flags(names: Sequence[str]) -> Flag:
+    flags = Flag(0)
+    for name in names:
+        flags |= Flag[name]
+    return flags
+
+
+def _reference(item: Mapping[str, Any]) -> Reference:
+    fields = {name: math.nan if value is None else value for name, value in item.items()}
+    x1, y1, x2, y2 = fields["xyxy"]
+    return Reference(**{**fields, "xyxy": (x1, y1, x2, y2)})

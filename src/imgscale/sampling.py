@@ -1,0 +1,147 @@
+"""
+One depth per object from a depth map: that of the visible surface the box outlines.
+
+A box also holds background, which draws a mean or median back, and now and then an occluder, which
+draws a low percentile forward. The sampler therefore looks at the core of the box (or at the mask),
+finds the dominant surface there, the log-depth window that holds most pixels, and takes the depth
+a quarter of the way into it. Windows in log depth and order statistics are the same for z, s * z
+and 1 / z, so every version of one map gives the same sizes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import attrs
+import numpy as np
+
+from imgscale._typing import AnyFloatArray, BoolArray, Box, DepthKind, FloatArray, ImageSize
+from imgscale.depth import valid_depths
+
+# The central half of the box in each direction: on LiDAR maps of cars and people it errs least.
+_CORE_SHARE = 0.5
+# One surface: depths within 6 % of each other, as a torso at 4 m or the rear of a car at 8 m. On
+# LiDAR maps of traffic any width from 3 to 15 % gives the same error.
+_SURFACE_LOG_WIDTH = 0.06
+# The outline of an object is its near face, so the near quarter of the surface, not its middle.
+_ORDER_STATISTIC = 0.25
+# Another surface: more than 25 % nearer or farther, on at least 30 % of the pixels.
+_OTHER_LOG_GAP = math.log(1.25)
+_OTHER_SHARE = 0.3
+# More pixels than this say nothing more about one depth.
+_MAX_PIXELS = 16384
+
+
+@attrs.frozen
+class DepthSample:
+    """
+    The depth of one object.
+
+    Attributes
+    ----------
+    value : float
+        A value of the map, NaN where the object has no valid pixel.
+    rel_std : float
+        Relative spread of the surface it was taken from, NaN where there is none.
+    mixed : bool
+        True where another surface fills a good part of the pixels.
+    """
+
+    value: float
+    rel_std: float
+    mixed: bool
+
+
+def sample_surface(
+    values: AnyFloatArray,
+    box: Box,
+    *,
+    kind: DepthKind,
+    image_size: ImageSize,
+    nearness: int,
+    mask: BoolArray | None = None,
+) -> DepthSample:
+    """
+    Sample the surface that a box outlines.
+
+    Parameters
+    ----------
+    values : (H, W) ndarray of float
+        The depth map.
+    box : tuple of float
+        x1, y1, x2, y2 in pixels of the image.
+    kind : str
+        Kind of the depth values, which says which of them are valid.
+    image_size : (width, height)
+        Size of the image; the box is scaled from it to the map.
+    nearness : int
+        1 where larger values are nearer, -1 where they are farther.
+    mask : (image height, image width) ndarray of bool, optional
+        The object's pixels; all of them inside the box are then used, not the core.
+
+    Returns
+    -------
+    DepthSample
+        NaN where no pixel is valid.
+    """
+    if mask is not None:
+        pixels = [_masked(values, box, mask, image_size)]
+    else:
+        shares = (_CORE_SHARE, 1.0)  # the whole box only where the core has no depth at all
+        pixels = [values[_window(values.shape, box, image_size, share)] for share in shares]
+    for candidates in pixels:
+        seen = candidates[valid_depths(candidates, kind)]
+        if seen.size:
+            return _dominant(seen, nearness)
+    return DepthSample(math.nan, math.nan, mixed=False)
+
+
+def _window(
+    shape: tuple[int, ...], box: Box, image_size: ImageSize, share: float
+) -> tuple[slice, slice]:
+    """Rows and columns of the map whose pixel centres lie in the central `share` of the box."""
+
+    def span(low: float, high: float, size: int, length: int) -> tuple[int, int]:
+        scale = length / size
+        margin = (1 - share) / 2 * (high - low)
+        first = math.ceil((low + margin) * scale - 0.5)
+        last = math.ceil((high - margin) * scale - 0.5)
+        if last <= first:  # smaller than a pixel of the map: the pixel that holds its centre
+            first = math.floor((low + high) / 2 * scale)
+            last = first + 1
+        first = min(max(first, 0), length - 1)
+        return first, max(min(last, length), first + 1)
+
+    x1, y1, x2, y2 = box
+    top, bottom = span(y1, y2, image_size[1], shape[0])
+    left, right = span(x1, x2, image_size[0], shape[1])
+    step = max(1, math.isqrt((bottom - top) * (right - left) // _MAX_PIXELS))
+    return slice(top, bottom, step), slice(left, right, step)
+
+
+def _masked(
+    values: AnyFloatArray, box: Box, mask: BoolArray, image_size: ImageSize
+) -> AnyFloatArray:
+    """Collect the map's pixels whose centres lie on the mask, in the box."""
+    rows, columns = _window(values.shape, box, image_size, 1.0)
+    row_centres = (np.arange(values.shape[0])[rows] + 0.5) * (image_size[1] / values.shape[0])
+    column_centres = (np.arange(values.shape[1])[columns] + 0.5) * (image_size[0] / values.shape[1])
+    on_object = mask[np.ix_(row_centres.astype(np.intp), column_centres.astype(np.intp))]
+    return values[rows, columns][on_object]
+
+
+def _dominant(seen: AnyFloatArray, nearness: int) -> DepthSample:
+    """Find the log-depth window that holds most pixels, the nearest of equals, and sample it."""
+    ordered = np.sort(seen.astype(np.float64))[::-nearness]  # near to far
+    log_depth: FloatArray = -nearness * np.log(ordered)
+    counts = np.searchsorted(log_depth, log_depth + _SURFACE_LOG_WIDTH, side="right")
+    counts -= np.arange(log_depth.size)
+    start = int(np.argmax(counts))
+    count = int(counts[start])
+    index = start + int(_ORDER_STATISTIC * (count - 1))
+    other = np.abs(log_depth - log_depth[index]) > _OTHER_LOG_GAP
+    return DepthSample(
+        value=float(ordered[index]),
+        rel_std=float(np.std(log_depth[start : start + count])),
+        mixed=bool(other.mean() >= _OTHER_SHARE),
+    )
