@@ -330,8 +330,8 @@ class PriorTable:
         Examples
         --------
         >>> from imgscale import PriorTable
-        >>> PriorTable.default().lookup("Id_Card")[0].mean_m
-        0.0856
+        >>> {row.axis: row.mean_m for row in PriorTable.default().lookup("Id_Card")}
+        {'height': 0.05398, 'width': 0.0856}
         """
         check_choice("region", region, REGIONS)
         return _shipped_table(region)

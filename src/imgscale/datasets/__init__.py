@@ -1,0 +1,7 @@
+"""Published data as the package's own types."""
+
+from __future__ import annotations
+
+from imgscale.datasets import motorcycle, paper
+
+__all__ = ["motorcycle", "paper"]
