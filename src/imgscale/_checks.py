@@ -15,11 +15,13 @@ from imgscale._typing import AnyFloatArray, ImageSize
 
 def as_float(value: float) -> float:
     """Turn real numbers into `float`; leave anything else for the validator to name."""
+    return float(value) if _is_real(value) else value
+
+
+def _is_real(value: object) -> bool:
     if isinstance(value, (bool, np.bool_)):
-        return value
-    if isinstance(value, (int, float, np.integer, np.floating)):
-        return float(value)
-    return value
+        return False
+    return isinstance(value, (int, float, np.integer, np.floating))
 
 
 def as_optional_float(value: float | None) -> float | None:
@@ -30,6 +32,11 @@ def as_optional_float(value: float | None) -> float | None:
 def is_number(value: object) -> bool:
     """Tell whether a converted value is a real number (NaN and inf included)."""
     return isinstance(value, float)
+
+
+def is_between(value: object, low: float, high: float) -> bool:
+    """Tell whether a converted value is a number from `low` to `high`."""
+    return isinstance(value, float) and low <= value <= high
 
 
 def number_error(name: str, law: str, value: object, remedy: str = "") -> Exception:
@@ -62,9 +69,9 @@ def finite(_: object, attribute: attrs.Attribute[Any], value: float | None) -> N
         raise number_error(attribute.name, "finite", value)
 
 
-def text(_: object, attribute: attrs.Attribute[Any], value: str) -> None:
+def text(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
     """Validate a string that is not blank."""
-    if not isinstance(value, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not isinstance(value, str):
         msg = f"`{attribute.name}` must be a string; got {value!r}."
         raise TypeError(msg)
     if not value.strip():
@@ -96,6 +103,15 @@ def as_image_size(value: Sequence[int] | None) -> ImageSize | None:
             f"`image_size` must be (width, height), two positive whole numbers of pixels; "
             f"got {value!r}."
         )
+        raise ValueError(msg)
+    return size
+
+
+def as_known_image_size(value: Sequence[int]) -> ImageSize:
+    """Turn (width, height) into a tuple of two positive ints; None is refused."""
+    size = as_image_size(value)
+    if size is None:
+        msg = "`image_size` must be (width, height); got None."
         raise ValueError(msg)
     return size
 

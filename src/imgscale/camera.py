@@ -143,13 +143,14 @@ class Camera:
             )
             raise ValueError(msg)
         taken = (
-            record.get(ExifTags.Base.ExifImageWidth),
-            record.get(ExifTags.Base.ExifImageHeight),
+            float(record.get(ExifTags.Base.ExifImageWidth, 0)),
+            float(record.get(ExifTags.Base.ExifImageHeight, 0)),
         )
         if all(taken) and not _same_shape((width, height), taken):
             msg = (
-                f"{path} must have the aspect ratio it was taken with, {taken[0]} x {taken[1]}; "
-                f"got {width} x {height}. A cropped picture's focal length must be given by hand."
+                f"{path} must have the aspect ratio it was taken with, {taken[0]:.0f} x "
+                f"{taken[1]:.0f}; got {width} x {height}. Give the focal length of a cropped "
+                "picture by hand."
             )
             raise ValueError(msg)
         focal_px = focal_mm * math.hypot(width, height) / _FULL_FRAME_DIAGONAL_MM

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from imgscale._format import text_table
 from imgscale.datasets import motorcycle
@@ -71,8 +72,8 @@ def run_demo(out: Path) -> None:
     print(f"The published baseline is {motorcycle.PUBLISHED_BASELINE_M:.3f} m: sizes from it would")
     print(f"be {model.k / motorcycle.PUBLISHED_BASELINE_M:.2f} times too small.\n")
     print(sizes_table(sizes))
-    axes = draw_sizes(scene.image, scene.detections, sizes)
-    axes.figure.savefig(out)
+    figure: Any = draw_sizes(scene.image, scene.detections, sizes).figure
+    figure.savefig(out)
     print(f"\nwrote {out}")
 
 
@@ -94,13 +95,15 @@ def sizes_table(sizes: Sequence[SizeEstimate]) -> str:
     rows: list[tuple[str, ...]] = []
     for size in sizes:
         low, high = size.interval(0.9)
-        rows.append((
-            size.label,
-            f"{size.size_m / size.metres_per_pixel:.0f}",
-            "-" if size.distance_m is None else f"{size.distance_m:.2f}",
-            f"{size.size_m:.3f}",
-            f"{low:.3f} to {high:.3f}",
-            f"{size.metres_per_pixel * 1000:.2f}",
-            "reference" if Flag.REFERENCE in size.flags else "",
-        ))
+        rows.append(
+            (
+                size.label,
+                f"{size.size_m / size.metres_per_pixel:.0f}",
+                "-" if size.distance_m is None else f"{size.distance_m:.2f}",
+                f"{size.size_m:.3f}",
+                f"{low:.3f} to {high:.3f}",
+                f"{size.metres_per_pixel * 1000:.2f}",
+                "reference" if Flag.REFERENCE in size.flags else "",
+            )
+        )
     return text_table(header, rows)

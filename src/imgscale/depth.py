@@ -15,6 +15,7 @@ from imgscale._checks import (
     array_summary,
     as_float,
     as_image_size,
+    as_known_image_size,
     as_optional_float,
     check_choice,
     finite,
@@ -62,6 +63,11 @@ def _refuse_integers(name: str, values: ArrayLike, scales: str) -> None:
             f"Divide by the file's scale first: {scales}."
         )
         raise ValueError(msg)
+
+
+def _as_given(values: ArrayLike) -> NDArray[Any]:
+    """Take the values as they come; they are checked and copied where their kind is known."""
+    return np.asarray(values)
 
 
 def _check_kind(_: object, __: attrs.Attribute[Any], value: str) -> None:
@@ -117,9 +123,11 @@ class DepthMap:
     Divide by the file's scale first: KITTI 256, millimetres 1000, TUM 5000.
     """
 
-    values: AnyFloatArray = attrs.field(repr=array_summary)
+    values: AnyFloatArray = attrs.field(converter=_as_given, repr=array_summary)
     kind: DepthKind = attrs.field(kw_only=True, validator=_check_kind)
-    _image_size: ImageSize | None = attrs.field(default=None, kw_only=True, converter=as_image_size)
+    _image_size: ImageSize | None = attrs.field(
+        default=None, kw_only=True, converter=as_image_size, alias="image_size"
+    )
     scale_rel_std: float = attrs.field(
         default=0.0, kw_only=True, converter=as_float, validator=non_negative
     )
@@ -248,8 +256,8 @@ class DepthMap:
         size = camera.image_size or (width, height)
         cx = size[0] / 2 if camera.cx is None else camera.cx
         cy = size[1] / 2 if camera.cy is None else camera.cy
-        x = (np.arange(width) + 0.5) * (size[0] / width)
-        y = (np.arange(height) + 0.5) * (size[1] / height)
+        x: FloatArray = (np.arange(width, dtype=np.float64) + 0.5) * (size[0] / width)
+        y: FloatArray = (np.arange(height, dtype=np.float64) + 0.5) * (size[1] / height)
         tan_x = (x - cx)[np.newaxis, :] / camera.focal_px
         tan_y = (y - cy)[:, np.newaxis] / camera.focal_px
         return cls(distance / np.sqrt(1 + tan_x**2 + tan_y**2), kind="metric", image_size=size)
@@ -297,7 +305,7 @@ class ObjectDepths:
     ValueError: `values` must be finite and positive, or NaN where unknown; got 0.0 at index 1.
     """
 
-    values: AnyFloatArray = attrs.field()
+    values: AnyFloatArray = attrs.field(converter=_as_given, repr=array_summary)
     kind: DepthKind = attrs.field(kw_only=True, validator=_check_kind)
     image_size: ImageSize | None = attrs.field(default=None, kw_only=True, converter=as_image_size)
     rel_std: float | None = attrs.field(
@@ -373,7 +381,7 @@ class GroundPlane:
     'ground_plane'
     """
 
-    image_size: ImageSize = attrs.field(kw_only=True, converter=as_image_size)
+    image_size: ImageSize = attrs.field(kw_only=True, converter=as_known_image_size)
     horizon_px: float | None = attrs.field(
         default=None, kw_only=True, converter=as_optional_float, validator=finite
     )
@@ -388,9 +396,6 @@ class GroundPlane:
     )
 
     def __attrs_post_init__(self) -> None:
-        if self.image_size is None:  # pyright: ignore[reportUnnecessaryComparison]
-            msg = "`image_size` must be (width, height); got None."
-            raise ValueError(msg)
         pairs = (
             ("horizon_px", self.horizon_px, self.horizon_std_px),
             ("camera_height_m", self.camera_height_m, self.camera_height_std_m),

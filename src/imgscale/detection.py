@@ -10,10 +10,17 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imgscale._checks import array_summary, as_float, as_image_size, number_error, text
+from imgscale._checks import (
+    array_summary,
+    as_float,
+    as_known_image_size,
+    is_between,
+    number_error,
+    text,
+)
 from imgscale._typing import BoolArray, Box
 
-__all__ = ["Detection"]
+__all__ = ["Detection", "check_detections"]
 
 
 def _as_box(value: Sequence[float] | NDArray[Any]) -> Box:
@@ -50,8 +57,8 @@ def _as_mask(value: ArrayLike | None) -> BoolArray | None:
 
 
 def _check_score(_: object, __: attrs.Attribute[Any], value: float) -> None:
-    if not (isinstance(value, float) and 0 <= value <= 1):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise number_error("score", "between 0 and 1", value, "Divide percentages by 100.")
+    if not is_between(value, 0, 1):
+        raise number_error("score", "between 0 and 1", value, "Divide percentages by 100.")  # noqa: EM101 - a name
 
 
 @attrs.frozen
@@ -291,14 +298,31 @@ class Detection:
         ratios = {"left": left, "top": top, "width": width, "height": height}
         for name, value in ratios.items():
             number = as_float(value)
-            if not (isinstance(number, float) and -0.05 <= number <= 1.05):  # pyright: ignore[reportUnnecessaryIsInstance]
+            if not is_between(number, -0.05, 1.05):
                 remedy = "Boxes in pixels go through Detection() or Detection.from_xywh()."
                 raise number_error(name, "a ratio between 0 and 1", number, remedy)
-        size = as_image_size(image_size)
-        if size is None:
-            msg = "`image_size` must be (width, height); got None."
-            raise TypeError(msg)
+        size = as_known_image_size(image_size)
         xywh = (left * size[0], top * size[1], width * size[0], height * size[1])
         return cls.from_xywh(
             label, xywh, score=score, mask=mask, partial=partial, track_id=track_id
         )
+
+
+def check_detections(value: Sequence[object]) -> None:
+    """
+    Raise unless every item is a `Detection`.
+
+    Parameters
+    ----------
+    value : sequence
+        What was given as detections.
+
+    Raises
+    ------
+    TypeError
+        If an item is something else.
+    """
+    for index, item in enumerate(value):
+        if not isinstance(item, Detection):
+            msg = f"`detections` must hold Detection objects; got {item!r} at index {index}."
+            raise TypeError(msg)

@@ -31,6 +31,10 @@ _MIN_VARIANCE = 1e-12
 _ROUNDING = 1e-13
 
 
+def _floored(variance: FloatArray) -> FloatArray:
+    return np.maximum(variance, _MIN_VARIANCE)
+
+
 @attrs.frozen(eq=False)
 class LogObservations:
     """
@@ -51,7 +55,7 @@ class LogObservations:
     """
 
     y: FloatArray
-    variance: FloatArray = attrs.field(converter=lambda v: np.maximum(v, _MIN_VARIANCE))
+    variance: FloatArray = attrs.field(converter=_floored)
     tau: FloatArray
     image: IntArray
     group: IntArray
@@ -70,7 +74,7 @@ class LogObservations:
 @attrs.frozen(eq=False)
 class LogFit:
     """
-    log k of many images.
+    Estimates of log k for many images.
 
     Attributes
     ----------
@@ -144,6 +148,7 @@ def fit_robust(obs: LogObservations) -> LogFit:
     distance = np.abs(obs.y - log_k[obs.image]) / total_std
     mad = _MAD_TO_STD * _segment_median(distance, np.ones_like(distance), obs.image, n_images)
     scale = np.sqrt(np.maximum(1.0, mad**2 - (_CHANCE_SCALE_SQUARED - 1)))
+    weight, share = 1 / obs.variance, np.zeros_like(obs.y)
     for _ in range(_MAX_STEPS):
         residual = (obs.y - log_k[obs.image]) / (total_std * scale[obs.image] * _TUKEY_C)
         weight = np.maximum(0.0, 1 - residual**2) ** 2 / obs.variance
@@ -175,7 +180,8 @@ def log_k_std(obs: LogObservations, share: FloatArray) -> FloatArray:
     own = np.bincount(obs.image, share**2 * obs.variance, obs.n_images)
     # each member adds share_i * (sum of its group), which adds up to the square of that sum
     shared = np.bincount(obs.image, share * by_group[obs.group] * obs.tau**2, obs.n_images)
-    return np.sqrt(own + shared)
+    std: FloatArray = np.sqrt(own + shared)
+    return std
 
 
 @attrs.frozen(eq=False)
@@ -228,7 +234,7 @@ def view_from_others(obs: LogObservations, weight: FloatArray, subjects: Subject
     n_groups = int(obs.group.max(initial=-1)) + 1
     n_images = max(obs.n_images, int(subjects.image.max(initial=-1)) + 1)
     # one more group, empty, for the labels without references: index -1
-    label_weight = np.bincount(obs.group, weight, n_groups + 1)
+    label_weight: FloatArray = np.bincount(obs.group, weight, n_groups + 1).astype(np.float64)
     label_sum = np.bincount(obs.group, weight * obs.y, n_groups + 1)
     tau_of_group = np.zeros(n_groups + 1)
     tau_of_group[obs.group] = obs.tau
@@ -236,7 +242,9 @@ def view_from_others(obs: LogObservations, weight: FloatArray, subjects: Subject
     shrink = 1 + label_weight * tau_of_group**2
     image_of_group = np.zeros(n_groups + 1, dtype=np.intp)
     image_of_group[obs.group] = obs.image
-    total = np.bincount(image_of_group, label_weight / shrink, n_images)
+    total: FloatArray = np.bincount(image_of_group, label_weight / shrink, n_images).astype(
+        np.float64
+    )
     total_sum = np.bincount(image_of_group, label_sum / shrink, n_images)
 
     image, group = subjects.image, subjects.group
@@ -266,7 +274,7 @@ def fuse_with_prior(
     prior_log, prior_var : (M,) ndarray of float
         Mean and variance between individuals of the log size.
     log_size, noise_var : (M,) ndarray of float
-        log(d p) and its variance; NaN where there is no depth.
+        Measured log(d p) and its variance; NaN where there is no depth.
 
     Returns
     -------

@@ -99,5 +99,6 @@ def touches_border(boxes: FloatArray, image_size: ImageSize) -> BoolArray:
 
 def _beyond(boxes: FloatArray, image_size: ImageSize) -> FloatArray:
     """Pixels by which boxes reach beyond the image, negative inside it."""
-    over = boxes[:, 2:] - np.asarray(image_size, dtype=np.float64)
-    return np.maximum(over.max(axis=1), -boxes[:, :2].min(axis=1))
+    over: FloatArray = boxes[:, 2:] - np.asarray(image_size, dtype=np.float64)
+    beyond: FloatArray = np.maximum(over.max(axis=1), -boxes[:, :2].min(axis=1))
+    return beyond

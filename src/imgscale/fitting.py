@@ -163,7 +163,11 @@ def observe_references(
 
     Parameters
     ----------
-    detections, depth, priors
+    detections : sequence of Detection
+        As for `fit`.
+    depth : DepthMap or ObjectDepths
+        As for `fit`.
+    priors : PriorTable, optional
         As for `fit`.
     **options
         The keyword arguments of `fit`.
@@ -187,7 +191,6 @@ def observe_references(
     method = options.get("method", METHODS[-1])
     _check_options(usable, priors, options.get("ground"), camera, method, noise)
     table = PriorTable.default() if priors is None else priors
-    is_map = isinstance(usable, DepthMap)
     setting = Setting(
         kind=usable.kind,
         method=method,
@@ -195,8 +198,8 @@ def observe_references(
         noise=noise,
         camera=camera,
         image_size=usable.image_size,
-        fingerprint=usable.fingerprint if is_map else None,
-        scale_rel_std=usable.scale_rel_std if is_map else 0.0,
+        fingerprint=usable.fingerprint if isinstance(usable, DepthMap) else None,
+        scale_rel_std=usable.scale_rel_std if isinstance(usable, DepthMap) else 0.0,
     )
     return observe(detections, usable, table, noise), setting
 
@@ -279,7 +282,7 @@ def _check_options(
 
 
 def _camera_witness(setting: Setting) -> tuple[float, float] | None:
-    """log k and its variance by the focal length: with metric depth, k = 1 / f."""
+    """Give log k and its variance by the focal length: with metric depth, k = 1 / f."""
     camera = setting.camera
     if camera is None or setting.kind != "metric" or setting.method != "robust":
         return None
@@ -321,7 +324,7 @@ def _fit_closed_form(
 
 def _precision(solution: LogFit) -> list[float]:
     """Precision of each witness of log k, less where the references disagree as a whole."""
-    return (solution.weight / solution.scale[0] ** 2).tolist()
+    return [float(weight) for weight in solution.weight / solution.scale[0] ** 2]
 
 
 def _references(

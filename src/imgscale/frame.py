@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import attrs
 
 from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
-from imgscale.detection import Detection
+from imgscale.detection import Detection, check_detections
 
 __all__ = ["Frame"]
 
 
 def _check_detections(_: object, __: attrs.Attribute[Any], value: Sequence[object]) -> None:
-    for index, item in enumerate(value):
-        if not isinstance(item, Detection):
-            msg = f"`detections` must hold Detection objects; got {item!r} at index {index}."
-            raise TypeError(msg)
+    check_detections(value)
 
 
 def _check_depth(_: object, __: attrs.Attribute[Any], value: object) -> None:
@@ -27,6 +24,10 @@ def _check_depth(_: object, __: attrs.Attribute[Any], value: object) -> None:
             f"`depth` must be a DepthMap, ObjectDepths or GroundPlane; got {type(value).__name__}."
         )
         raise TypeError(msg)
+
+
+def _as_detections(value: Iterable[Detection]) -> tuple[Detection, ...]:
+    return tuple(value)
 
 
 @attrs.frozen(eq=False)
@@ -52,7 +53,9 @@ class Frame:
     'a'
     """
 
-    detections: tuple[Detection, ...] = attrs.field(converter=tuple, validator=_check_detections)
+    detections: tuple[Detection, ...] = attrs.field(
+        converter=_as_detections, validator=_check_detections
+    )
     depth: Depth = attrs.field(validator=_check_depth)
     camera: Camera | None = attrs.field(default=None, kw_only=True)
     name: str = attrs.field(default="", kw_only=True)

@@ -58,7 +58,7 @@ class Law:
         Returns
         -------
         ndarray of float64
-            d, of the same shape, in the unit of a z-depth.
+            Values of d, of the same shape, in the unit of a z-depth.
         """
         array = np.asarray(values, dtype=np.float64)
         if not self.inverse:
@@ -72,7 +72,7 @@ class Law:
         Parameters
         ----------
         relative_distance : float
-            d, positive.
+            Value of d, positive.
         shift : float
             The shift b, in the unit of D.
 

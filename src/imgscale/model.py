@@ -80,7 +80,19 @@ class Flag(enum.Flag):
 
 
 def flag_names(flags: Flag) -> list[str]:
-    """List the names of the flags that are set, in the order of their definition."""
+    """
+    List the names of the flags that are set.
+
+    Parameters
+    ----------
+    flags : Flag
+        The flags.
+
+    Returns
+    -------
+    list of str
+        Names in the order of their definition.
+    """
     return [flag.name for flag in Flag if flag in flags and flag.name is not None]
 
 
@@ -583,7 +595,7 @@ def _k_text(model: ScaleModel) -> str:
     return f"k = ({with_error(model.k / factor, model.k_std / factor)})e{exponent} {unit}"
 
 
-def _plain(_: object, __: object, value: object) -> object:
+def _plain(_: object, __: object, value: Any) -> Any:
     """Make one field JSON-ready; tables are written apart."""
     if isinstance(value, Flag):
         return flag_names(value)
@@ -591,7 +603,7 @@ def _plain(_: object, __: object, value: object) -> object:
         return None
     if isinstance(value, float) and not math.isfinite(value):
         return None
-    return list(value) if isinstance(value, tuple) else value
+    return value
 
 
 def _plain_record(prior: ObjectPrior) -> dict[str, Any]:
@@ -606,6 +618,8 @@ def _flags(names: Sequence[str]) -> Flag:
 
 
 def _reference(item: Mapping[str, Any]) -> Reference:
-    fields = {name: math.nan if value is None else value for name, value in item.items()}
-    x1, y1, x2, y2 = fields["xyxy"]
-    return Reference(**{**fields, "xyxy": (x1, y1, x2, y2)})
+    fields: dict[str, Any] = {
+        name: math.nan if value is None else value for name, value in item.items()
+    }
+    fields["xyxy"] = tuple(fields["xyxy"])
+    return Reference(**fields)

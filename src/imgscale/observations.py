@@ -16,7 +16,7 @@ import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
-from imgscale.detection import Detection
+from imgscale.detection import Detection, check_detections
 from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
 from imgscale.laws import LAWS
 from imgscale.noise import UNKNOWN_DEPTH_REL, Noise
@@ -35,7 +35,7 @@ NO_DEPTH = "no depth"
 @attrs.frozen(eq=False, kw_only=True)
 class Observations:
     """
-    Detections as columns, one row each.
+    Hold detections as columns, one row each.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Observations:
 
     @property
     def noise_var(self) -> FloatArray:
-        """Variance of log(d p)."""
+        """The variance of log(d p)."""
         return self.box_var + self.depth_var
 
     @property
@@ -95,7 +95,7 @@ class Observations:
 
     @property
     def eligible(self) -> IntArray:
-        """Rows that can be references."""
+        """Indices of the rows that can be references."""
         return np.flatnonzero([not reason for reason in self.reason])
 
 
@@ -139,7 +139,7 @@ def observe(
     depth = usable_depth(depth)
     boxes = _boxes(detections)
     _check_in_image(boxes, depth)
-    extents = {name: pixel_extent(boxes, name) for name in SIZE_AXES}
+    extents: dict[SizeAxis, FloatArray] = {name: pixel_extent(boxes, name) for name in SIZE_AXES}
     choice = [_witness(d.label, i, extents, priors, noise, axis) for i, d in enumerate(detections)]
     pixels = np.array([extents[c.axis][i] for i, c in enumerate(choice)], dtype=np.float64)
     values, depth_rel, mixed = _depths(detections, depth, noise)
@@ -169,13 +169,48 @@ def observe(
 
 
 def mean_key(label: str, axis: SizeAxis, priors: PriorTable) -> MeanKey | None:
-    """Name the mean size that objects of a label share along an axis, None without a prior."""
+    """
+    Name the mean size that objects of a label share along an axis.
+
+    Parameters
+    ----------
+    label : str
+        The label, or one of its aliases.
+    axis : str
+        The axis.
+    priors : PriorTable
+        Sizes by label.
+
+    Returns
+    -------
+    tuple of str or None
+        The table's label and the axis; None without a prior.
+    """
     rows = [row for row in priors.lookup(label) if row.axis == axis]
     return (normal_label(rows[0].label), axis) if rows else None
 
 
 def usable_depth(depth: object) -> DepthMap | ObjectDepths:
-    """Return depth of a type and kind that can be fitted; raise naming the remedy otherwise."""
+    """
+    Return depth of a type and kind that can be fitted.
+
+    Parameters
+    ----------
+    depth : object
+        What was given as depth.
+
+    Returns
+    -------
+    DepthMap or ObjectDepths
+        The same.
+
+    Raises
+    ------
+    TypeError
+        If it is no depth.
+    ValueError
+        If it is a depth that this version does not fit.
+    """
     if isinstance(depth, GroundPlane):
         msg = (
             "`depth` must be a DepthMap or ObjectDepths in this version; got a GroundPlane. "
@@ -209,10 +244,7 @@ class _Witness:
 
 
 def _boxes(detections: Sequence[Detection]) -> FloatArray:
-    for index, detection in enumerate(detections):
-        if not isinstance(detection, Detection):  # pyright: ignore[reportUnnecessaryIsInstance]
-            msg = f"`detections` must hold Detection objects; got {detection!r} at index {index}."
-            raise TypeError(msg)
+    check_detections(detections)
     return np.array([d.xyxy for d in detections], dtype=np.float64).reshape(-1, 4)
 
 
@@ -242,7 +274,9 @@ def _witness(
 ) -> _Witness:
     """Choose the axis whose prior and box together err least, or take the one asked for."""
     rows = priors.lookup(label)
-    axes = [axis] if axis else [name for name in SIZE_AXES if any(r.axis == name for r in rows)]
+    axes: list[SizeAxis] = (
+        [axis] if axis else [name for name in SIZE_AXES if any(r.axis == name for r in rows)]
+    )
     witnesses = [_moments([row for row in rows if row.axis == name], name) for name in axes]
 
     def error(witness: _Witness) -> float:
@@ -316,7 +350,7 @@ def _sample(detection: Detection, index: int, depth: DepthMap) -> DepthSample:
 def _groups(
     detections: Sequence[Detection], priors: PriorTable, choice: Sequence[_Witness]
 ) -> IntArray:
-    """Number the means that rows share: one for each label (aliases are one) and axis."""
+    """Give every label (aliases are one) and axis, which share one mean, a number."""
     numbers: dict[MeanKey, int] = {}
     groups = np.full(len(detections), -1, dtype=np.intp)
     for i, (detection, witness) in enumerate(zip(detections, choice, strict=True)):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 import attrs
 import numpy as np
@@ -20,9 +21,10 @@ from imgscale.prediction import predict
 from imgscale.priors import PriorTable
 from imgscale.protocols import DepthSource, Detector
 
-__all__ = ["Measurement", "measure"]
+if TYPE_CHECKING:
+    from PIL.Image import Image as PillowImage
 
-Image: TypeAlias = str | PathLike[str] | NDArray[np.uint8] | Any
+__all__ = ["Measurement", "measure"]
 
 
 @attrs.frozen(kw_only=True)
@@ -52,7 +54,7 @@ class Measurement:
 
 
 def measure(
-    image: Image,
+    image: str | PathLike[str] | ImageArray | PillowImage,
     *,
     detector: Detector,
     depth_source: DepthSource,
@@ -131,10 +133,10 @@ def measure(
     )
 
 
-def _upright_rgb(image: Image) -> ImageArray:
+def _upright_rgb(image: object) -> ImageArray:
     """Read a picture as (H, W, 3) uint8 RGB with its orientation applied."""
     if isinstance(image, np.ndarray):
-        array: NDArray[Any] = image
+        array = cast("NDArray[Any]", image)
         if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3:
             msg = (
                 f"`image` must be (H, W, 3) uint8 RGB; got {array.shape} {array.dtype}. Convert it "
@@ -142,13 +144,12 @@ def _upright_rgb(image: Image) -> ImageArray:
             )
             raise ValueError(msg)
         return array
-    from PIL import Image as PillowImage  # noqa: PLC0415 - 20 ms that most users do not need
-    from PIL import ImageOps  # noqa: PLC0415
+    from PIL import Image, ImageOps  # noqa: PLC0415 - 20 ms that most users do not need
 
     if isinstance(image, (str, PathLike)):
-        with PillowImage.open(image) as opened:
+        with Image.open(Path(cast("str | PathLike[str]", image))) as opened:
             return np.asarray(ImageOps.exif_transpose(opened).convert("RGB"))
-    if isinstance(image, PillowImage.Image):
+    if isinstance(image, Image.Image):
         return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
     msg = f"`image` must be a path, an array or a PIL image; got {type(image).__name__}."
     raise TypeError(msg)

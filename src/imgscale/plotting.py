@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -64,18 +64,15 @@ def draw_sizes(
         If matplotlib is not installed.
     """
     if len(detections) != len(estimates):
-        msg = (
-            f"`estimates` must hold one per detection, {len(detections)}; got {len(estimates)}."
-        )
+        msg = f"`estimates` must hold one per detection, {len(detections)}; got {len(estimates)}."
         raise ValueError(msg)
     patches = require("matplotlib.patches", extra="plot", purpose=_PURPOSE)
     lines = require("matplotlib.lines", extra="plot", purpose=_PURPOSE)
-    if ax is None:
-        ax = _photo_axes(image.shape[1], image.shape[0])
-    ax.imshow(image)
-    ax.set_axis_off()
+    axes: Any = _photo_axes(image.shape[1], image.shape[0]) if ax is None else ax
+    axes.imshow(image)
+    axes.set_axis_off()
     # lower boxes first, so that the label of an upper one may give way upwards
-    order = np.argsort([-detection.xyxy[1] for detection in detections])
+    order = sorted(range(len(detections)), key=lambda i: -detections[i].xyxy[1])
     taken: list[Any] = []
     for index in order:
         detection, estimate = detections[index], estimates[index]
@@ -86,25 +83,24 @@ def draw_sizes(
             (x1 - 0.5, y1 - 0.5), x2 - x1, y2 - y1, fill=False, edgecolor=colour, linewidth=2,
             linestyle="-" if known else "--",
         )  # fmt: skip
-        ax.add_patch(box)
-        taken.append(_place_text(ax, detection, _size_text(estimate, level), colour, taken))
+        axes.add_patch(box)
+        taken.append(_place_text(axes, detection, _size_text(estimate, level), colour, taken))
     handles = [
         lines.Line2D([], [], color=_REFERENCE_COLOUR, linewidth=2, label="known size (reference)"),
         lines.Line2D([], [], color=_UNKNOWN_COLOUR, linewidth=2, linestyle="--", label="measured"),
     ]
-    ax.legend(handles=handles, loc="lower left", fontsize=9, framealpha=0.9)
-    return ax
+    axes.legend(handles=handles, loc="lower left", fontsize=9, framealpha=0.9)
+    return cast("Axes", axes)
 
 
-def _photo_axes(width: int, height: int) -> Axes:
+def _photo_axes(width: int, height: int) -> Any:
     """Make axes that a photo fills, without the global state of pyplot."""
     figure_module = require("matplotlib.figure", extra="plot", purpose=_PURPOSE)
     inches = 10.0
     figure = figure_module.Figure(figsize=(inches, inches * height / width), dpi=_PIXELS_PER_INCH)
     agg = require("matplotlib.backends.backend_agg", extra="plot", purpose=_PURPOSE)
     agg.FigureCanvasAgg(figure)  # a canvas that can measure text; it stays with the figure
-    axes: Axes = figure.add_axes((0, 0, 1, 1))
-    return axes
+    return figure.add_axes((0, 0, 1, 1))
 
 
 def _size_text(estimate: SizeEstimate, level: float) -> str:
@@ -114,9 +110,7 @@ def _size_text(estimate: SizeEstimate, level: float) -> str:
     return f"{estimate.label}\n{estimate.size_m:.2f} m ({low:.2f} to {high:.2f})"
 
 
-def _place_text(
-    ax: Axes, detection: Detection, text: str, colour: str, taken: Sequence[Any]
-) -> Any:
+def _place_text(ax: Any, detection: Detection, text: str, colour: str, taken: Sequence[Any]) -> Any:
     """Write a label beside or inside its box, at the place that covers least; return its extent."""
     x1, y1, x2, y2 = detection.xyxy
     gap = 6
@@ -133,8 +127,7 @@ def _place_text(
         x1, y1, text, color="white", fontsize=9, linespacing=1.2,
         bbox={"facecolor": "#202020", "edgecolor": colour, "alpha": 0.85, "pad": 2},
     )  # fmt: skip
-    figure: Any = ax.figure
-    renderer = figure.canvas.get_renderer()
+    renderer = ax.figure.canvas.get_renderer()
     frame = ax.get_window_extent(renderer)
 
     def extent_at(place: tuple[float, float, str, str]) -> Any:
@@ -146,7 +139,7 @@ def _place_text(
     def cost(place: tuple[float, float, str, str]) -> float:
         extent = extent_at(place)
         outside = extent.width * extent.height - _common_area(extent, frame)
-        return 10 * outside + sum(_common_area(extent, other) for other in taken)
+        return float(10 * outside + sum(_common_area(extent, other) for other in taken))
 
     return extent_at(min(places, key=cost))
 
@@ -155,4 +148,4 @@ def _common_area(a: Any, b: Any) -> float:
     """Area that two extents share, in square display pixels."""
     width = min(a.x1, b.x1) - max(a.x0, b.x0)
     height = min(a.y1, b.y1) - max(a.y0, b.y0)
-    return max(0.0, width) * max(0.0, height)
+    return float(max(0.0, width) * max(0.0, height))

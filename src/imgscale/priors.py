@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import io
 from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from os import PathLike
@@ -16,6 +17,7 @@ from imgscale._checks import (
     as_float,
     as_optional_float,
     check_choice,
+    is_between,
     non_negative,
     number_error,
     positive,
@@ -67,8 +69,8 @@ def _check_region(_: object, __: attrs.Attribute[Any], value: str) -> None:
 
 
 def _check_share(_: object, __: attrs.Attribute[Any], value: float) -> None:
-    if not (isinstance(value, float) and 0 < value <= 1):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise number_error("share", "above 0 and at most 1", value)
+    if not (is_between(value, 0, 1) and value):
+        raise number_error("share", "above 0 and at most 1", value)  # noqa: EM101 - a name
 
 
 @attrs.frozen
@@ -172,18 +174,34 @@ class ObjectPrior:
         return tuple(dict.fromkeys(normal_label(name) for name in (self.label, *self.aliases)))
 
 
+def _shipped_file(name: str) -> io.StringIO:
+    """Open a table of the package, also where that is a zip file."""
+    text = (files("imgscale") / "tables" / name).read_text(encoding="utf-8")
+    return io.StringIO(text, newline="")
+
+
 @functools.cache
 def _shipped_ranges() -> dict[tuple[str, str], tuple[float, float]]:
     """Smallest and largest shipped mean of every (label or alias, axis)."""
     ranges: dict[tuple[str, str], tuple[float, float]] = {}
-    with (files("imgscale") / "tables" / _SHIPPED).open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            mean_m = float(row["mean_m"])
-            for name in (row["label"], *row["aliases"].split(";")):
-                key = (normal_label(name), row["axis"])
-                low, high = ranges.get(key, (mean_m, mean_m))
-                ranges[key] = (min(low, mean_m), max(high, mean_m))
+    for row in csv.DictReader(_shipped_file(_SHIPPED)):
+        mean_m = float(row["mean_m"])
+        for name in (row["label"], *row["aliases"].split(";")):
+            key = (normal_label(name), row["axis"])
+            low, high = ranges.get(key, (mean_m, mean_m))
+            ranges[key] = (min(low, mean_m), max(high, mean_m))
     return ranges
+
+
+def _as_priors(value: Iterable[ObjectPrior]) -> tuple[ObjectPrior, ...]:
+    return tuple(value)
+
+
+def _check_priors(_: object, __: attrs.Attribute[Any], value: tuple[object, ...]) -> None:
+    for index, item in enumerate(value):
+        if not isinstance(item, ObjectPrior):
+            msg = f"`priors` must hold ObjectPrior objects; got {item!r} at index {index}."
+            raise TypeError(msg)
 
 
 @attrs.frozen
@@ -214,23 +232,17 @@ class PriorTable:
     False
     """
 
-    priors: tuple[ObjectPrior, ...] = attrs.field(converter=tuple)
-    _rows: dict[str, tuple[ObjectPrior, ...]] = attrs.field(init=False, eq=False, repr=False)
+    priors: tuple[ObjectPrior, ...] = attrs.field(converter=_as_priors, validator=_check_priors)
 
-    @priors.validator
-    def _check_priors(self, _: attrs.Attribute[Any], value: tuple[object, ...]) -> None:
-        for index, item in enumerate(value):
-            if not isinstance(item, ObjectPrior):
-                msg = f"`priors` must hold ObjectPrior objects; got {item!r} at index {index}."
-                raise TypeError(msg)
+    def __attrs_post_init__(self) -> None:
+        _ = self._rows  # raises where a name belongs to two labels
 
-    @_rows.default
-    def _index_rows(self) -> dict[str, tuple[ObjectPrior, ...]]:
+    @functools.cached_property
+    def _rows(self) -> dict[str, tuple[ObjectPrior, ...]]:
+        """The rows of every label and alias."""
         by_label: dict[str, list[ObjectPrior]] = {}
         owner: dict[str, str] = {}
         for prior in self.priors:
-            if not isinstance(prior, ObjectPrior):  # pyright: ignore[reportUnnecessaryIsInstance]
-                return {}  # the validator names it
             label = normal_label(prior.label)
             by_label.setdefault(label, []).append(prior)
             for name in prior.names:
@@ -250,9 +262,6 @@ class PriorTable:
 
     def __contains__(self, label: object) -> bool:
         return isinstance(label, str) and normal_label(label) in self._rows
-
-    def __hash__(self) -> int:
-        return hash(self.priors)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -354,8 +363,7 @@ class PriorTable:
         [('train', 4.02), ('car', 1.7), ('person', 1.72), ('traffic signal', 2.1),
          ('truck', 2.8), ('wheel', 0.83)]
         """
-        with (files("imgscale") / "tables" / _PAPER).open(encoding="utf-8", newline="") as file:
-            return cls(_read_rows(file, "world", _PAPER))
+        return cls(_read_rows(_shipped_file(_PAPER), "world", _PAPER))
 
     @classmethod
     def from_csv(cls, path: str | PathLike[str], *, region: Region = "world") -> PriorTable:
@@ -411,8 +419,7 @@ def _cell(prior: ObjectPrior, column: str) -> str:
 
 @functools.cache
 def _shipped_table(region: Region) -> PriorTable:
-    with (files("imgscale") / "tables" / _SHIPPED).open(encoding="utf-8", newline="") as file:
-        return PriorTable(_read_rows(file, region, _SHIPPED))
+    return PriorTable(_read_rows(_shipped_file(_SHIPPED), region, _SHIPPED))
 
 
 def _read_rows(lines: Iterable[str], region: Region, name: str) -> list[ObjectPrior]:

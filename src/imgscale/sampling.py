@@ -69,7 +69,7 @@ def sample_surface(
     values : (H, W) ndarray of float
         The depth map.
     box : tuple of float
-        x1, y1, x2, y2 in pixels of the image.
+        Corners x1, y1, x2, y2 in pixels of the image.
     kind : str
         Kind of the depth values, which says which of them are valid.
     image_size : (width, height)
@@ -124,8 +124,12 @@ def _masked(
 ) -> AnyFloatArray:
     """Collect the map's pixels whose centres lie on the mask, in the box."""
     rows, columns = _window(values.shape, box, image_size, 1.0)
-    row_centres = (np.arange(values.shape[0])[rows] + 0.5) * (image_size[1] / values.shape[0])
-    column_centres = (np.arange(values.shape[1])[columns] + 0.5) * (image_size[0] / values.shape[1])
+    row_centres: FloatArray = (np.arange(values.shape[0], dtype=np.float64)[rows] + 0.5) * (
+        image_size[1] / values.shape[0]
+    )
+    column_centres: FloatArray = (np.arange(values.shape[1], dtype=np.float64)[columns] + 0.5) * (
+        image_size[0] / values.shape[1]
+    )
     on_object = mask[np.ix_(row_centres.astype(np.intp), column_centres.astype(np.intp))]
     return values[rows, columns][on_object]
 

@@ -76,7 +76,7 @@ def leave_one_out(
     estimates = estimate_observed(
         fit_observed(detections, obs, setting), detections, obs, use_prior=use_prior
     )
-    for row in obs.eligible:
+    for row in (int(index) for index in obs.eligible):
         reasons = list(obs.reason)
         reasons[row] = _LEFT_OUT
         others = attrs.evolve(obs, reason=tuple(reasons))

@@ -9,6 +9,8 @@ disparity is best taken as "inverse" depth, for which k is the baseline.
 
 from __future__ import annotations
 
+from typing import Any
+
 import attrs
 import numpy as np
 
@@ -99,7 +101,8 @@ def load() -> Scene:
     """
     import skimage as ski  # noqa: PLC0415 - loads its parts on use
 
-    image, _, disparity = ski.data.stereo_motorcycle()
+    stereo_motorcycle: Any = ski.data.stereo_motorcycle  # untyped there
+    image, _, disparity = stereo_motorcycle()
     shifted = disparity.astype(np.float64) + _DOFFS_PX
     shifted[~np.isfinite(disparity)] = np.nan
     return Scene(

@@ -216,10 +216,12 @@ def actual_heights(image: str) -> PriorTable:
     ValueError
         If the figure has no such image.
     """
-    return PriorTable([
-        ObjectPrior(row.object, row.actual_cm / 100, 0.0, source="figure 3.14")
-        for row in _rows_of(image)
-    ])
+    return PriorTable(
+        [
+            ObjectPrior(row.object, row.actual_cm / 100, 0.0, source="figure 3.14")
+            for row in _rows_of(image)
+        ]
+    )
 
 
 def _rows_of(image: str) -> list[ScaleRow]:
