@@ -12,6 +12,8 @@ label c. It is integrated out in closed form: with W the sum of a label's weight
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import attrs
 import numpy as np
 
@@ -71,8 +73,7 @@ class LogObservations:
         return np.sqrt(self.variance + self.tau**2)
 
 
-@attrs.frozen(eq=False)
-class LogFit:
+class LogFit(NamedTuple):
     """
     Estimates of log k for many images.
 
@@ -97,8 +98,7 @@ class LogFit:
     share: FloatArray
 
 
-@attrs.frozen(eq=False)
-class OthersView:
+class OthersView(NamedTuple):
     """
     What all other references of its image say of each object, before its own prior and pixels.
 
@@ -184,8 +184,7 @@ def log_k_std(obs: LogObservations, share: FloatArray) -> FloatArray:
     return std
 
 
-@attrs.frozen(eq=False)
-class Subjects:
+class Subjects(NamedTuple):
     """
     Objects that are to be seen from the references of their image.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import html
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -550,6 +549,8 @@ class ScaleModel:
         return text
 
     def _repr_html_(self) -> str:
+        import html  # noqa: PLC0415 - for notebooks alone
+
         numbers = numbered_labels([ref.label for ref in self.references])
         rows = "".join(
             f"<tr><td>{html.escape(name)}</td><td>{ref.pixels:.4g}</td><td>{ref.depth:.4g}</td>"

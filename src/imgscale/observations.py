@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
-import attrs
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
@@ -32,8 +31,7 @@ PARTIAL = "partial"
 NO_DEPTH = "no depth"
 
 
-@attrs.frozen(eq=False, kw_only=True)
-class Observations:
+class Observations(NamedTuple):
     """
     Hold detections as columns, one row each.
 
@@ -95,7 +93,7 @@ class Observations:
 
     @property
     def eligible(self) -> IntArray:
-        """Indices of the rows that can be references."""
+        """The rows that can be references."""
         return np.flatnonzero([not reason for reason in self.reason])
 
 
@@ -233,8 +231,7 @@ def usable_depth(depth: object) -> DepthMap | ObjectDepths:
     return depth
 
 
-@attrs.frozen
-class _Witness:
+class _Witness(NamedTuple):
     """One axis of one label: moments of its mixture, in metres."""
 
     axis: SizeAxis

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import functools
-import io
 from collections.abc import Iterable, Iterator
-from importlib.resources import files
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import attrs
@@ -23,6 +19,7 @@ from imgscale._checks import (
     positive,
     text,
 )
+from imgscale._tables import Table, read_table, shipped_table, write_table
 from imgscale._typing import Region, SizeAxis
 
 __all__ = ["ObjectPrior", "PriorTable", "normal_label"]
@@ -174,17 +171,11 @@ class ObjectPrior:
         return tuple(dict.fromkeys(normal_label(name) for name in (self.label, *self.aliases)))
 
 
-def _shipped_file(name: str) -> io.StringIO:
-    """Open a table of the package, also where that is a zip file."""
-    text = (files("imgscale") / "tables" / name).read_text(encoding="utf-8")
-    return io.StringIO(text, newline="")
-
-
 @functools.cache
 def _shipped_ranges() -> dict[tuple[str, str], tuple[float, float]]:
     """Smallest and largest shipped mean of every (label or alias, axis)."""
     ranges: dict[tuple[str, str], tuple[float, float]] = {}
-    for row in csv.DictReader(_shipped_file(_SHIPPED)):
+    for _, row in shipped_table(_SHIPPED).records:
         mean_m = float(row["mean_m"])
         for name in (row["label"], *row["aliases"].split(";")):
             key = (normal_label(name), row["axis"])
@@ -363,7 +354,7 @@ class PriorTable:
         [('train', 4.02), ('car', 1.7), ('person', 1.72), ('traffic signal', 2.1),
          ('truck', 2.8), ('wheel', 0.83)]
         """
-        return cls(_read_rows(_shipped_file(_PAPER), "world", _PAPER))
+        return cls(_read_rows(shipped_table(_PAPER), "world"))
 
     @classmethod
     def from_csv(cls, path: str | PathLike[str], *, region: Region = "world") -> PriorTable:
@@ -390,8 +381,7 @@ class PriorTable:
             If a column is missing or unknown, or a row breaks a law; all bad rows are named.
         """
         check_choice("region", region, REGIONS)
-        with Path(path).open(encoding="utf-8-sig", newline="") as file:
-            return cls(_read_rows(file, region, str(path)))
+        return cls(_read_rows(read_table(path), region))
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """
@@ -402,10 +392,7 @@ class PriorTable:
         path : str or path-like
             The file to write.
         """
-        with Path(path).open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(_COLUMNS)
-            writer.writerows([_cell(row, column) for column in _COLUMNS] for row in self.priors)
+        write_table(path, _COLUMNS, [[_cell(row, c) for c in _COLUMNS] for row in self.priors])
 
 
 def _cell(prior: ObjectPrior, column: str) -> str:
@@ -419,13 +406,12 @@ def _cell(prior: ObjectPrior, column: str) -> str:
 
 @functools.cache
 def _shipped_table(region: Region) -> PriorTable:
-    return PriorTable(_read_rows(_shipped_file(_SHIPPED), region, _SHIPPED))
+    return PriorTable(_read_rows(shipped_table(_SHIPPED), region))
 
 
-def _read_rows(lines: Iterable[str], region: Region, name: str) -> list[ObjectPrior]:
+def _read_rows(table: Table, region: Region) -> list[ObjectPrior]:
     """Read the rows that hold in a region, naming every bad row at once."""
-    reader = csv.DictReader(lines, restkey="")
-    columns = set(reader.fieldnames or ())
+    columns = set(table.columns)
     wrong = [
         f"{word} {', '.join(sorted(found))}"
         for word, found in (
@@ -435,19 +421,19 @@ def _read_rows(lines: Iterable[str], region: Region, name: str) -> list[ObjectPr
         if found
     ]
     if wrong:
-        msg = f"{name} must have the columns of a prior table; got {'; '.join(wrong)}."
+        msg = f"{table.name} must have the columns of a prior table; got {'; '.join(wrong)}."
         raise ValueError(msg)
     rows: list[ObjectPrior] = []
     problems: list[str] = []
-    for record in reader:
+    for line, record in table.records:
         try:
             rows.append(_parse_row(record))
         except (ValueError, TypeError) as error:
-            problems.append(f"line {reader.line_num}: {error}")
+            problems.append(f"line {line}: {error}")
     if problems:
-        msg = f"{name} must hold lawful rows; got {len(problems)} bad: {' | '.join(problems)}"
+        msg = f"{table.name} must hold lawful rows; got {len(problems)} bad: {' | '.join(problems)}"
         raise ValueError(msg)
-    return _rows_of_region(rows, region, name)
+    return _rows_of_region(rows, region, table.name)
 
 
 def _rows_of_region(rows: list[ObjectPrior], region: Region, name: str) -> list[ObjectPrior]:

@@ -11,8 +11,8 @@ and 1 / z, so every version of one map gives the same sizes.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-import attrs
 import numpy as np
 
 from imgscale._typing import AnyFloatArray, BoolArray, Box, DepthKind, FloatArray, ImageSize
@@ -32,8 +32,7 @@ _OTHER_SHARE = 0.3
 _MAX_PIXELS = 16384
 
 
-@attrs.frozen
-class DepthSample:
+class DepthSample(NamedTuple):
     """
     The depth of one object.
 

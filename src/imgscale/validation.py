@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Unpack
 
-import attrs
-
 from imgscale.depth import Depth
 from imgscale.detection import Detection
 from imgscale.errors import FitError
@@ -79,7 +77,7 @@ def leave_one_out(
     for row in (int(index) for index in obs.eligible):
         reasons = list(obs.reason)
         reasons[row] = _LEFT_OUT
-        others = attrs.evolve(obs, reason=tuple(reasons))
+        others = obs._replace(reason=tuple(reasons))
         try:
             model = fit_observed(detections, others, setting)
         except FitError as error:

@@ -26,10 +26,10 @@ __all__ = ["PUBLISHED_BASELINE_M", "Scene", "load"]
 PUBLISHED_BASELINE_M = 0.193001
 _FOCAL_PX = 994.978
 _DOFFS_PX = 31.086
-# 120/90-16: a 16 inch rim and twice 90 % of 120 mm. The spread is wear and load.
+# 120/90-16: a 16 inch rim and twice 90 % of 120 mm, 0.4064 + 0.216 m. The spread is wear and load.
 _REAR_TYRE = ObjectPrior(
     "rear tyre",
-    16 * 0.0254 + 2 * 0.9 * 0.120,
+    0.622,
     0.012,
     source="nominal: size code 120/90-16",
     spans="tyre, ground to top",

@@ -8,12 +8,11 @@ centimetres there; the unit of the depths is not stated. Table 3.2 is `PriorTabl
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
-from importlib.resources import files
 
 import attrs
 
+from imgscale._tables import shipped_table
 from imgscale.depth import ObjectDepths
 from imgscale.detection import Detection
 from imgscale.frame import Frame
@@ -52,7 +51,8 @@ class HeightRow:
     pixels_px : float
         Height of its box in pixels.
     hpp_cm_per_px : float
-        Mean height of its class over pixels, in cm/px; the paper cuts off after four decimals.
+        Mean height of its class over pixels, in cm/px; the paper cuts off
+        after four decimals, once after three.
     """
 
     image: str
@@ -234,5 +234,4 @@ def _rows_of(image: str) -> list[ScaleRow]:
 
 
 def _read(name: str) -> list[dict[str, str]]:
-    text = (files("imgscale") / "tables" / name).read_text(encoding="utf-8")
-    return list(csv.DictReader(text.splitlines()))
+    return [record for _, record in shipped_table(name).records]

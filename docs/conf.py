@@ -1,0 +1,11 @@
+"""Configuration of the documentation."""
+
+project = "imgscale"
+author = "The imgscale developers"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+autodoc_typehints = "none"  # the docstrings say it in words
+exclude_patterns = ["_build"]
+html_theme = "alabaster"
+html_title = "imgscale"
+numpydoc_show_class_members = False
