@@ -6,13 +6,16 @@ from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.errors import DepthMismatchError, FitError, ImgscaleError, MissingDependencyError
+from imgscale.estimate import SizeEstimate
 from imgscale.fitting import fit
+from imgscale.flags import Flag
 from imgscale.frame import Frame
-from imgscale.model import Flag, Reference, ScaleModel, SizeEstimate
+from imgscale.model import Reference, ScaleModel
 from imgscale.noise import Noise
+from imgscale.object_prior import ObjectPrior
 from imgscale.pipeline import Measurement, measure
 from imgscale.prediction import predict
-from imgscale.priors import ObjectPrior, PriorTable
+from imgscale.priors import PriorTable
 from imgscale.protocols import DepthSource, Detector
 from imgscale.validation import leave_one_out
 

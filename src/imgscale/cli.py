@@ -11,8 +11,9 @@ from typing import Any
 from imgscale._format import text_table
 from imgscale.datasets import motorcycle
 from imgscale.errors import ImgscaleError
+from imgscale.estimate import SizeEstimate
 from imgscale.fitting import fit
-from imgscale.model import Flag, SizeEstimate
+from imgscale.flags import Flag
 from imgscale.plotting import draw_sizes
 from imgscale.prediction import predict
 

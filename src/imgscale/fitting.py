@@ -10,32 +10,24 @@ import attrs
 import numpy as np
 
 from imgscale._checks import check_choice
-from imgscale._typing import BoolArray, DepthKind, FitMethod, FloatArray, ImageSize, IntArray
+from imgscale._typing import DepthKind, FitMethod, ImageSize, IntArray
 from imgscale.camera import Camera
 from imgscale.closed_form import least_squares, mean_ratio
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.errors import FitError
-from imgscale.estimator import (
-    LogFit,
-    LogObservations,
-    OthersView,
-    Subjects,
-    fit_robust,
-    fuse_with_prior,
-    log_k_std,
-    view_from_others,
-)
+from imgscale.estimator import LogFit, LogObservations, fit_robust, log_k_std
+from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
-from imgscale.model import Flag, Reference, ScaleModel, numbered_labels
+from imgscale.model import Reference, ScaleModel, numbered_labels
 from imgscale.noise import Noise
 from imgscale.observations import Observations, observe, usable_depth
 from imgscale.priors import PriorTable
+from imgscale.referencing import OUTLIER, explain_references, precision
 
 __all__ = ["fit"]
 
 METHODS: tuple[FitMethod, ...] = get_args(FitMethod)
-OUTLIER = "outlier"
 # References that disagree this much more than their errors are reported.
 _INCONSISTENT_SCALE = 2.0
 _CONFLICT_Z = 3.0
@@ -239,7 +231,7 @@ def fit_observed(
     else:
         solution = _fit_closed_form(obs, rows, log_obs, setting.method)
     log_k = float(solution.log_k[0])
-    references = _references(detections, obs, rows, log_obs, solution)
+    references = explain_references(detections, obs, log_obs, solution)
     return ScaleModel(
         k=math.exp(log_k),
         k_std=math.exp(log_k) * float(solution.log_std[0]),
@@ -247,8 +239,8 @@ def fit_observed(
         shift_std=0.0,
         mean_depth=_mean_depth(references, setting.kind),
         references=references,
-        flags=_flags(references, obs, log_obs, solution, setting, bool(witness)),
-        camera_precision=_precision(solution)[-1] if witness else 0.0,
+        flags=_flags(references, obs, log_obs, solution, setting),
+        camera_precision=float(precision(solution)[-1]) if witness else 0.0,
         **attrs.asdict(setting, recurse=False),
     )
 
@@ -322,93 +314,6 @@ def _fit_closed_form(
     )
 
 
-def _precision(solution: LogFit) -> list[float]:
-    """Precision of each witness of log k, less where the references disagree as a whole."""
-    return [float(weight) for weight in solution.weight / solution.scale[0] ** 2]
-
-
-def _references(
-    detections: Sequence[Detection],
-    obs: Observations,
-    rows: IntArray,
-    log_obs: LogObservations,
-    solution: LogFit,
-) -> tuple[Reference, ...]:
-    """Explain every detection."""
-    count = rows.size
-    tau, group = log_obs.tau[:count], log_obs.group[:count]
-    precision = np.array(_precision(solution))
-
-    def view(weight: FloatArray) -> OthersView:
-        own = Subjects(
-            image=log_obs.image[:count],
-            group=group,
-            tau=tau,
-            own_weight=weight[:count],
-            own_y=log_obs.y[:count],
-        )
-        return view_from_others(log_obs, weight, own)
-
-    others = view(solution.weight)
-    predicted = others.log_k + others.offset
-    predicted_var = others.log_k_var + others.offset_var + 2 * others.covariance
-    z_score = (log_obs.y[:count] - predicted) / np.sqrt(predicted_var + log_obs.variance[:count])
-    outlier = solution.weight[:count] == 0
-    measured = solution.log_k[0] + obs.log_size[rows]
-    fused, fused_var = fuse_with_prior(
-        view(precision), obs.prior_log[rows], obs.prior_var[rows], obs.log_size[rows],
-        obs.noise_var[rows],
-    )  # fmt: skip
-    # an outlier's prior does not hold for it: what is left is its measurement
-    posterior = np.where(outlier, measured, fused)
-    posterior_var = np.where(outlier, solution.log_std[0] ** 2 + obs.noise_var[rows], fused_var)
-
-    columns = {
-        "posterior_m": np.exp(posterior),
-        "posterior_std_m": np.exp(posterior) * np.sqrt(posterior_var),
-        "z_score": z_score,
-        "precision": precision[:count],
-        "weight": solution.share[:count],
-    }
-    place = {int(row): index for index, row in enumerate(rows)}
-    return tuple(
-        _reference(detection, obs, row, place.get(row), columns, outlier)
-        for row, detection in enumerate(detections)
-    )
-
-
-def _reference(
-    detection: Detection,
-    obs: Observations,
-    row: int,
-    place: int | None,
-    columns: dict[str, FloatArray],
-    outlier: BoolArray,
-) -> Reference:
-    """Gather one row; `place` is its place among the candidates."""
-    absent = {"precision": 0.0, "weight": 0.0}
-    own = {
-        name: absent.get(name, math.nan) if place is None else float(values[place])
-        for name, values in columns.items()
-    }
-    reason = obs.reason[row] if place is None else (OUTLIER if outlier[place] else "")
-    return Reference(
-        label=detection.label,
-        xyxy=detection.xyxy,
-        axis=obs.axis[row],
-        pixels=float(obs.pixels[row]),
-        depth=float(obs.depth[row]),
-        metres_per_pixel=float(obs.prior_m[row] / obs.pixels[row]),
-        k=float(obs.prior_m[row] / math.exp(obs.log_size[row])),
-        prior_m=float(obs.prior_m[row]),
-        prior_std_m=float(obs.prior_std_m[row]),
-        prior_mean_std_m=float(obs.prior_mean_std_m[row]),
-        noise_rel=math.sqrt(obs.noise_var[row]),
-        reason=reason,
-        **own,
-    )
-
-
 def _mean_depth(references: Sequence[Reference], kind: DepthKind) -> float:
     """Mean of the used references' depths, averaged as distances (the paper's fig. 3.17)."""
     depths = np.array([ref.depth for ref in references if ref.used])
@@ -423,30 +328,42 @@ def _flags(
     log_obs: LogObservations,
     solution: LogFit,
     setting: Setting,
-    has_camera: bool,  # noqa: FBT001 - private
 ) -> Flag:
     """Collect the model's reservations."""
     used = [index for index, ref in enumerate(references) if ref.used]
     labels = {int(obs.group[index]) for index in used}
+    has_camera = log_obs.y.size > obs.eligible.size
     focal_px = math.exp(-float(solution.log_k[0]))
     side = max(setting.image_size) if setting.image_size else math.nan
-    residual = (log_obs.y[-1] - solution.log_k[0]) / math.hypot(
-        log_obs.total_std[-1], solution.log_std[0]
+    low, high = (factor * side for factor in PLAUSIBLE_FOCAL)
+    return flags_where(
+        {
+            Flag.SINGLE_REFERENCE: len(used) == 1 and not has_camera,
+            Flag.SINGLE_LABEL: len(used) > 1 and len(labels) == 1 and not has_camera,
+            Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
+            Flag.INCONSISTENT: bool(solution.scale[0] > _INCONSISTENT_SCALE),
+            Flag.CAMERA_CONFLICT: has_camera and _camera_conflicts(log_obs),
+            Flag.IMPLAUSIBLE_FOCAL: setting.kind == "metric"
+            and (focal_px < low or focal_px > high),
+        }
     )
-    raised = {
-        Flag.SINGLE_REFERENCE: len(used) == 1 and not has_camera,
-        Flag.SINGLE_LABEL: len(used) > 1 and len(labels) == 1 and not has_camera,
-        Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
-        Flag.INCONSISTENT: bool(solution.scale[0] > _INCONSISTENT_SCALE),
-        Flag.CAMERA_CONFLICT: has_camera and bool(abs(residual) > _CONFLICT_Z),
-        Flag.IMPLAUSIBLE_FOCAL: setting.kind == "metric"
-        and (focal_px < PLAUSIBLE_FOCAL[0] * side or focal_px > PLAUSIBLE_FOCAL[1] * side),
-    }
-    flags = Flag(0)
-    for flag, is_raised in raised.items():
-        if is_raised:
-            flags |= flag
-    return flags
+
+
+def _camera_conflicts(log_obs: LogObservations) -> bool:
+    """Compare the camera, the last witness, with what all references together say without it."""
+    if log_obs.y.size == 1:
+        return False
+    others = fit_robust(
+        LogObservations(
+            y=log_obs.y[:-1],
+            variance=log_obs.variance[:-1],
+            tau=log_obs.tau[:-1],
+            image=log_obs.image[:-1],
+            group=log_obs.group[:-1],
+        )
+    )
+    error = math.hypot(float(log_obs.total_std[-1]), float(others.log_std[0]))
+    return abs(float(log_obs.y[-1] - others.log_k[0])) > _CONFLICT_Z * error
 
 
 def _no_reference(detections: Sequence[Detection], obs: Observations) -> str:

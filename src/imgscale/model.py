@@ -1,8 +1,7 @@
-"""Results: the fitted model, its references, the sizes it predicts and their flags. No solving."""
+"""The fitted model and what each detection said of it. No solving."""
 
 from __future__ import annotations
 
-import enum
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -17,116 +16,15 @@ from imgscale._typing import Box, DepthKind, FitMethod, FloatArray, ImageSize, S
 from imgscale.camera import Camera
 from imgscale.depth import DepthMap, valid_depths
 from imgscale.errors import DepthMismatchError
+from imgscale.flags import Flag, flag_names, flags_of
 from imgscale.laws import LAWS
 from imgscale.noise import Noise
-from imgscale.priors import ObjectPrior, PriorTable
+from imgscale.object_prior import ObjectPrior
+from imgscale.priors import PriorTable
 
-__all__ = ["Flag", "Reference", "ScaleModel", "SizeEstimate"]
+__all__ = ["Reference", "ScaleModel"]
 
 _SCHEMA = 1
-
-
-class Flag(enum.Flag):
-    """
-    Reservations about a model or an estimate; test with ``Flag.OUTLIERS in model.flags``.
-
-    Attributes
-    ----------
-    SINGLE_REFERENCE : Flag
-        One object alone fixed the scale; nothing checks it.
-    SINGLE_LABEL : Flag
-        Several references, all of one label: they share the error of its mean size.
-    OUTLIERS : Flag
-        At least one reference was rejected.
-    INCONSISTENT : Flag
-        The references disagree by much more than their errors; the interval was widened.
-    CAMERA_CONFLICT : Flag
-        The focal length given disagrees with references and depth by more than 3 standard errors.
-    IMPLAUSIBLE_FOCAL : Flag
-        The focal length implied by metric depth is outside 0.3 to 6 image sides: a unit is wrong.
-    REFERENCE : Flag
-        The object was itself a reference; its prior is in k and is not counted twice.
-    PRIOR_USED : Flag
-        The object's own prior was fused with the measurement.
-    MEAN_DEPTH : Flag
-        The object's depth was replaced by the references' mean depth.
-    NO_DEPTH : Flag
-        The depth map has no valid value on the object.
-    MIXED_DEPTH : Flag
-        Two surfaces share the object's box; the depth may be that of the other.
-    PARTIAL : Flag
-        The box is cut by the border or marked partial: the size is that of the visible part.
-    EXTRAPOLATED : Flag
-        The object lies far outside the depths that the references support.
-    BEYOND_HORIZON : Flag
-        The object lies where the fitted law has no finite depth.
-    """
-
-    SINGLE_REFERENCE = enum.auto()
-    SINGLE_LABEL = enum.auto()
-    OUTLIERS = enum.auto()
-    INCONSISTENT = enum.auto()
-    CAMERA_CONFLICT = enum.auto()
-    IMPLAUSIBLE_FOCAL = enum.auto()
-    REFERENCE = enum.auto()
-    PRIOR_USED = enum.auto()
-    MEAN_DEPTH = enum.auto()
-    NO_DEPTH = enum.auto()
-    MIXED_DEPTH = enum.auto()
-    PARTIAL = enum.auto()
-    EXTRAPOLATED = enum.auto()
-    BEYOND_HORIZON = enum.auto()
-
-
-def flag_names(flags: Flag) -> list[str]:
-    """
-    List the names of the flags that are set.
-
-    Parameters
-    ----------
-    flags : Flag
-        The flags.
-
-    Returns
-    -------
-    list of str
-        Names in the order of their definition.
-    """
-    return [flag.name for flag in Flag if flag in flags and flag.name is not None]
-
-
-def log_interval(value: float, std: float, level: float) -> tuple[float, float]:
-    """
-    Compute the central interval of a log-normal quantity.
-
-    Parameters
-    ----------
-    value : float
-        Its median.
-    std : float
-        Its standard error, ``value`` times the standard deviation of its logarithm.
-    level : float
-        Probability that the interval holds the truth, above 0 and below 1.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper end; NaN where the value is NaN.
-
-    Raises
-    ------
-    ValueError
-        If the level is no probability.
-    """
-    if not 0 < level < 1:
-        msg = f"`level` must be above 0 and below 1; got {level!r}."
-        raise ValueError(msg)
-    if math.isnan(value):
-        return (math.nan, math.nan)
-    from statistics import NormalDist  # noqa: PLC0415 - 20 ms of import that few calls need
-
-    factor = math.exp(NormalDist().inv_cdf((1 + level) / 2) * std / value)
-    return (value / factor, value * factor)
 
 
 @attrs.frozen(kw_only=True)
@@ -190,76 +88,6 @@ class Reference:
     def used(self) -> bool:
         """True where it carried the fit."""
         return not self.reason
-
-
-@attrs.frozen(kw_only=True)
-class SizeEstimate:
-    """
-    The size of one object.
-
-    Attributes
-    ----------
-    label : str
-        Its label.
-    axis : str
-        "height", "width" or "diameter".
-    size_m : float
-        Median of its size, in metres; NaN where it cannot be said.
-    std_m : float
-        Standard error in metres: size times the standard deviation of its logarithm.
-    metres_per_pixel : float
-        Scale at its distance, in m/px; NaN without a depth.
-    depth : float
-        Its depth, in the unit of the depth given; NaN without one.
-    distance_m : float or None
-        Its z-depth in metres; None where no focal length is known, NaN without a depth.
-    flags : Flag
-        Reservations.
-    """
-
-    label: str
-    axis: SizeAxis
-    size_m: float
-    std_m: float
-    metres_per_pixel: float
-    depth: float
-    distance_m: float | None
-    flags: Flag
-
-    def interval(self, level: float = 0.9) -> tuple[float, float]:
-        """
-        Compute the interval that holds the size with a given probability.
-
-        Parameters
-        ----------
-        level : float
-            The probability, above 0 and below 1.
-
-        Returns
-        -------
-        tuple of float
-            Lower and upper end, in metres; NaN where `size_m` is.
-
-        Raises
-        ------
-        ValueError
-            If the level is no probability.
-
-        Examples
-        --------
-        >>> from imgscale import Flag, SizeEstimate
-        >>> estimate = SizeEstimate(label="car", axis="height", size_m=1.5, std_m=0.06,
-        ...                         metres_per_pixel=0.01, depth=7.0, distance_m=None,
-        ...                         flags=Flag(0))
-        >>> [round(end, 2) for end in estimate.interval(0.9)]
-        [1.4, 1.6]
-        """
-        return log_interval(self.size_m, self.std_m, level)
-
-    def __str__(self) -> str:
-        words = ", ".join(flag_names(self.flags))
-        size = "unknown" if math.isnan(self.size_m) else f"{with_error(self.size_m, self.std_m)} m"
-        return f"{self.label}: {self.axis} {size}{f' ({words})' if words else ''}"
 
 
 @attrs.frozen(kw_only=True)
@@ -520,7 +348,7 @@ class ScaleModel:
             msg = f"`record` must have schema {_SCHEMA}; got {record.get('schema')!r}."
             raise ValueError(msg)
         fields["references"] = tuple(_reference(item) for item in fields["references"])
-        fields["flags"] = _flags(fields["flags"])
+        fields["flags"] = flags_of(fields["flags"])
         fields["priors"] = PriorTable([ObjectPrior(**item) for item in fields["priors"]])
         fields["noise"] = Noise(**fields["noise"])
         fields["camera"] = None if fields["camera"] is None else Camera(**fields["camera"])
@@ -609,13 +437,6 @@ def _plain(_: object, __: object, value: Any) -> Any:
 
 def _plain_record(prior: ObjectPrior) -> dict[str, Any]:
     return attrs.asdict(prior, value_serializer=_plain)
-
-
-def _flags(names: Sequence[str]) -> Flag:
-    flags = Flag(0)
-    for name in names:
-        flags |= Flag[name]
-    return flags
 
 
 def _reference(item: Mapping[str, Any]) -> Reference:

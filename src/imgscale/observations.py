@@ -19,7 +19,8 @@ from imgscale.detection import Detection, check_detections
 from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
 from imgscale.laws import LAWS
 from imgscale.noise import UNKNOWN_DEPTH_REL, Noise
-from imgscale.priors import SIZE_AXES, ObjectPrior, PriorTable, normal_label
+from imgscale.object_prior import SIZE_AXES, ObjectPrior, normal_label
+from imgscale.priors import PriorTable
 from imgscale.sampling import DepthSample, sample_surface
 
 __all__ = ["Observations", "observe"]

@@ -14,8 +14,9 @@ from imgscale._typing import FitMethod, ImageArray, ImageSize, SizeAxis
 from imgscale.camera import Camera
 from imgscale.depth import Depth
 from imgscale.detection import Detection
+from imgscale.estimate import SizeEstimate
 from imgscale.fitting import fit
-from imgscale.model import ScaleModel, SizeEstimate
+from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.prediction import predict
 from imgscale.priors import PriorTable

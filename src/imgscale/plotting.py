@@ -10,7 +10,8 @@ import numpy as np
 from imgscale._optional import require
 from imgscale._typing import ImageArray
 from imgscale.detection import Detection
-from imgscale.model import Flag, SizeEstimate
+from imgscale.estimate import SizeEstimate
+from imgscale.flags import Flag
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

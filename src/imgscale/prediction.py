@@ -14,11 +14,13 @@ from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
 from imgscale.depth import Depth, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.errors import FitError
+from imgscale.estimate import SizeEstimate
 from imgscale.estimator import LogObservations, Subjects, fuse_with_prior, view_from_others
+from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS
-from imgscale.model import Flag, Reference, ScaleModel, SizeEstimate
+from imgscale.model import Reference, ScaleModel
+from imgscale.object_prior import SIZE_AXES
 from imgscale.observations import MeanKey, Observations, mean_key, observe
-from imgscale.priors import SIZE_AXES
 
 __all__ = ["predict"]
 
@@ -258,14 +260,10 @@ def _row_flags(
         Flag.MIXED_DEPTH: obs.mixed,
         Flag.PARTIAL: obs.partial,
     }
-    rows: list[Flag] = []
-    for row in range(obs.pixels.size):
-        raised = flags
-        for flag, column in columns.items():
-            if column[row]:
-                raised |= flag
-        rows.append(raised)
-    return rows
+    return [
+        flags | flags_where({flag: bool(column[row]) for flag, column in columns.items()})
+        for row in range(obs.pixels.size)
+    ]
 
 
 def _estimates(

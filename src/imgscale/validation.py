@@ -8,8 +8,8 @@ from typing import Unpack
 from imgscale.depth import Depth
 from imgscale.detection import Detection
 from imgscale.errors import FitError
+from imgscale.estimate import SizeEstimate
 from imgscale.fitting import FitOptions, fit_observed, observe_references
-from imgscale.model import SizeEstimate
 from imgscale.prediction import estimate_observed
 from imgscale.priors import PriorTable
 

@@ -19,7 +19,8 @@ from imgscale.camera import Camera
 from imgscale.depth import DepthMap
 from imgscale.detection import Detection
 from imgscale.noise import Noise
-from imgscale.priors import ObjectPrior, PriorTable
+from imgscale.object_prior import ObjectPrior
+from imgscale.priors import PriorTable
 
 __all__ = ["PUBLISHED_BASELINE_M", "Scene", "load"]
 

@@ -16,7 +16,8 @@ from imgscale._tables import shipped_table
 from imgscale.depth import ObjectDepths
 from imgscale.detection import Detection
 from imgscale.frame import Frame
-from imgscale.priors import ObjectPrior, PriorTable
+from imgscale.object_prior import ObjectPrior
+from imgscale.priors import PriorTable
 
 __all__ = [
     "IMAGE_SIZE",

@@ -1,0 +1,115 @@
+"""Reservations about a result: success with a "but"."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Mapping
+
+__all__ = ["Flag", "flag_names", "flags_of", "flags_where"]
+
+
+class Flag(enum.Flag):
+    """
+    Reservations about a model or an estimate; test with ``Flag.OUTLIERS in model.flags``.
+
+    Attributes
+    ----------
+    SINGLE_REFERENCE : Flag
+        One object alone fixed the scale; nothing checks it.
+    SINGLE_LABEL : Flag
+        Several references, all of one label: they share the error of its mean size.
+    OUTLIERS : Flag
+        At least one reference was rejected.
+    INCONSISTENT : Flag
+        The references disagree by much more than their errors; the interval was widened.
+    CAMERA_CONFLICT : Flag
+        The focal length given disagrees with references and depth by more than 3 standard errors.
+    IMPLAUSIBLE_FOCAL : Flag
+        The focal length implied by metric depth is outside 0.3 to 6 image sides: a unit is wrong.
+    REFERENCE : Flag
+        The object was itself a reference; its prior is in k and is not counted twice.
+    PRIOR_USED : Flag
+        The object's own prior was fused with the measurement.
+    MEAN_DEPTH : Flag
+        The object's depth was replaced by the references' mean depth.
+    NO_DEPTH : Flag
+        The depth map has no valid value on the object.
+    MIXED_DEPTH : Flag
+        Two surfaces share the object's box; the depth may be that of the other.
+    PARTIAL : Flag
+        The box is cut by the border or marked partial: the size is that of the visible part.
+    EXTRAPOLATED : Flag
+        The object lies far outside the depths that the references support.
+    BEYOND_HORIZON : Flag
+        The object lies where the fitted law has no finite depth.
+    """
+
+    SINGLE_REFERENCE = enum.auto()
+    SINGLE_LABEL = enum.auto()
+    OUTLIERS = enum.auto()
+    INCONSISTENT = enum.auto()
+    CAMERA_CONFLICT = enum.auto()
+    IMPLAUSIBLE_FOCAL = enum.auto()
+    REFERENCE = enum.auto()
+    PRIOR_USED = enum.auto()
+    MEAN_DEPTH = enum.auto()
+    NO_DEPTH = enum.auto()
+    MIXED_DEPTH = enum.auto()
+    PARTIAL = enum.auto()
+    EXTRAPOLATED = enum.auto()
+    BEYOND_HORIZON = enum.auto()
+
+
+def flag_names(flags: Flag) -> list[str]:
+    """
+    List the names of the flags that are set.
+
+    Parameters
+    ----------
+    flags : Flag
+        The flags.
+
+    Returns
+    -------
+    list of str
+        Names in the order of their definition.
+    """
+    return [flag.name for flag in Flag if flag in flags and flag.name is not None]
+
+
+def flags_of(names: Iterable[str]) -> Flag:
+    """
+    Set flags by their names.
+
+    Parameters
+    ----------
+    names : iterable of str
+        What `flag_names` listed.
+
+    Returns
+    -------
+    Flag
+        The flags.
+    """
+    return flags_where({Flag[name]: True for name in names})
+
+
+def flags_where(raised: Mapping[Flag, bool]) -> Flag:
+    """
+    Set the flags whose condition holds.
+
+    Parameters
+    ----------
+    raised : mapping of Flag to bool
+        The conditions.
+
+    Returns
+    -------
+    Flag
+        The flags.
+    """
+    flags = Flag(0)
+    for flag, is_raised in raised.items():
+        if is_raised:
+            flags |= flag
+    return flags

@@ -1,0 +1,134 @@
+"""Priors as rows of a CSV table, and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from imgscale._tables import Table
+from imgscale._typing import Region, SizeAxis
+from imgscale.object_prior import ObjectPrior
+
+__all__ = ["COLUMNS", "read_rows", "write_row"]
+
+COLUMNS = (
+    "label", "aliases", "axis", "mean_m", "std_m", "mean_std_m", "on_ground", "depth_extent_m",
+    "share", "region", "source", "year", "n", "spans",
+)  # fmt: skip
+
+
+def read_rows(table: Table, region: Region) -> list[ObjectPrior]:
+    """
+    Read the rows that hold in a region.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    region : str
+        Where rows of this region exist for a label and axis, they replace the world's.
+
+    Returns
+    -------
+    list of ObjectPrior
+        The rows.
+
+    Raises
+    ------
+    ValueError
+        If a column is missing or unknown, or a row breaks a law; all bad rows are named.
+    """
+    columns = set(table.columns)
+    wrong = [
+        f"{word} {', '.join(sorted(found))}"
+        for word, found in (
+            ("no", {"label", "mean_m", "std_m"} - columns),
+            ("unknown", columns - set(COLUMNS)),
+        )
+        if found
+    ]
+    if wrong:
+        msg = f"{table.name} must have the columns of a prior table; got {'; '.join(wrong)}."
+        raise ValueError(msg)
+    rows: list[ObjectPrior] = []
+    problems: list[str] = []
+    for line, record in table.records:
+        try:
+            rows.append(_parse_row(record))
+        except (ValueError, TypeError) as error:
+            problems.append(f"line {line}: {error}")
+    if problems:
+        msg = f"{table.name} must hold lawful rows; got {len(problems)} bad: {' | '.join(problems)}"
+        raise ValueError(msg)
+    return _rows_of_region(rows, region, table.name)
+
+
+def _rows_of_region(rows: list[ObjectPrior], region: Region, name: str) -> list[ObjectPrior]:
+    """Keep a region's own rows and, where it has none, the world's."""
+    regions: dict[tuple[str, SizeAxis], set[str]] = {}
+    for row in rows:
+        regions.setdefault((row.label, row.axis), set()).add(row.region)
+    lost = sorted(key[0] for key, found in regions.items() if not found & {"world", region})
+    if lost:
+        msg = (
+            f'{name} must have a row for region "world" or "{region}" of every label; '
+            f"got none for {', '.join(lost)}."
+        )
+        raise ValueError(msg)
+    return [
+        row
+        for row in rows
+        if row.region == (region if region in regions[row.label, row.axis] else "world")
+    ]
+
+
+def _parse_row(record: dict[str, Any]) -> ObjectPrior:
+    """Turn the cells of one line into a prior; empty cells take the defaults."""
+    if record.get("") is not None or None in record.values():
+        msg = "a row must have as many cells as the header."
+        raise ValueError(msg)
+    cells = {column: cell.strip() for column, cell in record.items() if cell.strip()}
+    for column in ("mean_m", "std_m", "mean_std_m", "depth_extent_m", "share"):
+        if column in cells:
+            cells[column] = float(cells[column])
+    for column in ("year", "n"):
+        if column in cells:
+            cells[column] = int(cells[column])
+    if "aliases" in cells:
+        cells["aliases"] = [part.strip() for part in cells["aliases"].split(";") if part.strip()]
+    if "on_ground" in cells:
+        words = {"true": True, "false": False}
+        if cells["on_ground"].lower() not in words:
+            msg = f"`on_ground` must be true or false; got {cells['on_ground']!r}."
+            raise ValueError(msg)
+        cells["on_ground"] = words[cells["on_ground"].lower()]
+    missing = sorted({"label", "mean_m", "std_m"} - cells.keys())
+    if missing:
+        msg = f"a row must give {', '.join(missing)}."
+        raise ValueError(msg)
+    return ObjectPrior(**cells)
+
+
+def write_row(prior: ObjectPrior) -> list[str]:
+    """
+    Write a prior as cells.
+
+    Parameters
+    ----------
+    prior : ObjectPrior
+        The prior.
+
+    Returns
+    -------
+    list of str
+        One cell for each of `COLUMNS`; empty where there is no value.
+    """
+    return [_cell(prior, column) for column in COLUMNS]
+
+
+def _cell(prior: ObjectPrior, column: str) -> str:
+    value = getattr(prior, column)
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "; ".join(prior.aliases) if column == "aliases" else str(value)
