@@ -14,40 +14,34 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import attrs
 import numpy as np
 
-from imgscale._typing import FloatArray, IntArray
+from imgscale._typing import BoolArray, FloatArray, IntArray
 
 # Tukey's biweight: 95 % as efficient as least squares where the noise is Gaussian.
 _TUKEY_C = 4.685
 # Makes the median absolute deviation estimate a standard deviation.
 _MAD_TO_STD = 1.4826
-# A robust scale up to 2 is what a handful of sound references shows by chance; only the excess
-# widens the result.
-_CHANCE_SCALE_SQUARED = 4.0
+# A median absolute deviation of 2.5 standard errors: two sound references reach it by chance in 2
+# of 100 images, more references in fewer.
+_CHANCE_MAD = 2.5
 _MAX_STEPS = 100
 _STEP_TOLERANCE = 1e-13
 # Relative errors below 1e-6 count as 1e-6: no weight is infinite.
-_MIN_VARIANCE = 1e-12
+MIN_VARIANCE = 1e-12
 _ROUNDING = 1e-13
 
 
-def _floored(variance: FloatArray) -> FloatArray:
-    return np.maximum(variance, _MIN_VARIANCE)
-
-
-@attrs.frozen(eq=False)
-class LogObservations:
+class LogObservations(NamedTuple):
     """
     References of many images as columns.
 
     Attributes
     ----------
     y : (N,) ndarray of float64
-        log k as each reference alone gives it.
+        Log k as each reference alone gives it.
     variance : (N,) ndarray of float64
-        Variance of its own noise: spread of individuals, box and depth. Floored at 1e-12.
+        Variance of its own noise: spread of individuals, box and depth; at least `MIN_VARIANCE`.
     tau : (N,) ndarray of float64
         Standard deviation of its label's shared offset.
     image : (N,) ndarray of int
@@ -57,7 +51,7 @@ class LogObservations:
     """
 
     y: FloatArray
-    variance: FloatArray = attrs.field(converter=_floored)
+    variance: FloatArray
     tau: FloatArray
     image: IntArray
     group: IntArray
@@ -83,17 +77,21 @@ class LogFit(NamedTuple):
         The estimate.
     log_std : (n_images,) ndarray of float64
         Its standard error.
-    scale : (n_images,) ndarray of float64
-        Factor, >= 1, by which the errors were widened because references disagree.
+    inconsistent : (n_images,) ndarray of bool
+        True where the references disagree by much more than their errors; log_std is then widened.
+    trust : (N,) ndarray of float64
+        How far each reference was believed, 0 (an outlier) to 1.
     weight : (N,) ndarray of float64
-        Precision that each reference kept, 1 / variance times Tukey's weight; 0 for outliers.
+        Precision that each reference kept: its trust over its variance, widened where they
+        disagree.
     share : (N,) ndarray of float64
         Share of each reference in log k; they sum to 1 in every image.
     """
 
     log_k: FloatArray
     log_std: FloatArray
-    scale: FloatArray
+    inconsistent: BoolArray
+    trust: FloatArray
     weight: FloatArray
     share: FloatArray
 
@@ -123,8 +121,9 @@ def fit_robust(obs: LogObservations) -> LogFit:
     """
     Estimate log k of every image by iteratively re-weighted least squares.
 
-    It starts at the weighted median and re-weights by Tukey's biweight of the residuals, in units
-    of their declared errors or, where most of them disagree, of their median absolute deviation.
+    It starts at the weighted median and re-weights by Tukey's biweight. Where most references
+    disagree, none can be told to be wrong: an excess variance, common to all, then takes up their
+    scatter.
 
     Parameters
     ----------
@@ -138,26 +137,43 @@ def fit_robust(obs: LogObservations) -> LogFit:
 
     Notes
     -----
-    Tukey's biweight is ``(1 - (r / (4.685 s))^2)^2`` inside ``|r| < 4.685 s`` and 0 outside. The
-    widening is ``s^2 = max(1, MAD^2 - 3)``, so that two references which exclude each other give
-    an interval that holds both.
+    Tukey's biweight is ``(1 - (r / 4.685)^2)^2`` inside ``|r| < 4.685`` and 0 outside, r in
+    standard errors. The excess variance is ``M^2 (1 - (2.5 / m)^2)`` where m, the median absolute
+    deviation in standard errors, exceeds 2.5; M is that of the logarithms. The interval of two
+    references that exclude each other therefore holds both.
     """
-    n_images = obs.n_images
-    total_std = obs.total_std
-    log_k = _segment_median(obs.y, total_std**-2, obs.image, n_images)
-    distance = np.abs(obs.y - log_k[obs.image]) / total_std
-    mad = _MAD_TO_STD * _segment_median(distance, np.ones_like(distance), obs.image, n_images)
-    scale = np.sqrt(np.maximum(1.0, mad**2 - (_CHANCE_SCALE_SQUARED - 1)))
-    weight, share = 1 / obs.variance, np.zeros_like(obs.y)
+    start = _segment_median(obs.y, obs.total_std**-2, obs.image, obs.n_images)
+    excess = _excess_variance(obs, start)
+    widened = obs._replace(variance=obs.variance + excess[obs.image])
+    log_k = start
+    trust, share = np.ones_like(obs.y), np.zeros_like(obs.y)
     for _ in range(_MAX_STEPS):
-        residual = (obs.y - log_k[obs.image]) / (total_std * scale[obs.image] * _TUKEY_C)
-        weight = np.maximum(0.0, 1 - residual**2) ** 2 / obs.variance
-        share = _shares(obs, weight)
-        step = np.bincount(obs.image, share * (obs.y - log_k[obs.image]), n_images)
+        residual = (obs.y - log_k[obs.image]) / (widened.total_std * _TUKEY_C)
+        trust = np.maximum(0.0, 1 - residual**2) ** 2
+        share = _shares(widened, trust / widened.variance)
+        step = np.bincount(obs.image, share * (obs.y - log_k[obs.image]), obs.n_images)
         log_k = log_k + step
         if np.all(np.abs(step) <= _STEP_TOLERANCE):
             break
-    return LogFit(log_k, scale * log_k_std(obs, share), scale, weight, share)
+    return LogFit(
+        log_k=log_k,
+        log_std=log_k_std(widened, share),
+        inconsistent=excess > 0,
+        trust=trust,
+        weight=trust / widened.variance,
+        share=share,
+    )
+
+
+def _excess_variance(obs: LogObservations, centre: FloatArray) -> FloatArray:
+    """Variance, common to an image's references, of what their errors do not explain."""
+    deviation = np.abs(obs.y - centre[obs.image])
+    equal = np.ones_like(deviation)
+    raw = _segment_median(deviation, equal, obs.image, obs.n_images)
+    relative = _segment_median(deviation / obs.total_std, equal, obs.image, obs.n_images)
+    beyond_chance = np.maximum(_MAD_TO_STD * relative, _CHANCE_MAD)
+    excess: FloatArray = (_MAD_TO_STD * raw) ** 2 * (1 - (_CHANCE_MAD / beyond_chance) ** 2)
+    return excess
 
 
 def log_k_std(obs: LogObservations, share: FloatArray) -> FloatArray:

@@ -16,20 +16,20 @@ from imgscale.closed_form import least_squares, mean_ratio
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.errors import FitError
-from imgscale.estimator import LogFit, LogObservations, fit_robust, log_k_std
+from imgscale.estimator import MIN_VARIANCE, LogFit, LogObservations, fit_robust, log_k_std
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
 from imgscale.model import Reference, ScaleModel, numbered_labels
 from imgscale.noise import Noise
 from imgscale.observations import Observations, observe, usable_depth
 from imgscale.priors import PriorTable
-from imgscale.referencing import OUTLIER, explain_references, precision
+from imgscale.referencing import OUTLIER, explain_references
 
 __all__ = ["fit"]
 
 METHODS: tuple[FitMethod, ...] = get_args(FitMethod)
-# References that disagree this much more than their errors are reported.
-_INCONSISTENT_SCALE = 2.0
+# References whose mean square residual is this much above their errors' are reported.
+_INCONSISTENT_SCATTER = 4.0
 _CONFLICT_Z = 3.0
 
 
@@ -240,7 +240,7 @@ def fit_observed(
         mean_depth=_mean_depth(references, setting.kind),
         references=references,
         flags=_flags(references, obs, log_obs, solution, setting),
-        camera_precision=float(precision(solution)[-1]) if witness else 0.0,
+        camera_precision=float(solution.weight[-1]) if witness else 0.0,
         **attrs.asdict(setting, recurse=False),
     )
 
@@ -292,7 +292,11 @@ def _log_observations(
         y, variance = np.append(y, witness[0]), np.append(variance, witness[1])
         tau, group = np.append(tau, 0.0), np.append(group, group.max(initial=-1) + 1)
     return LogObservations(
-        y=y, variance=variance, tau=tau, image=np.zeros(y.size, dtype=np.intp), group=group
+        y=y,
+        variance=np.maximum(variance, MIN_VARIANCE),
+        tau=tau,
+        image=np.zeros(y.size, dtype=np.intp),
+        group=group,
     )
 
 
@@ -304,12 +308,13 @@ def _fit_closed_form(
     k, share = estimate(np.exp(obs.log_size[rows]), obs.prior_m[rows])
     own_k = np.log(obs.prior_m[rows]) - obs.log_size[rows]
     chi2 = float(np.sum(((own_k - math.log(k)) / log_obs.total_std) ** 2))
-    scale = np.array([math.sqrt(max(1.0, chi2 / max(1, rows.size - 1)))])
+    scatter = max(1.0, chi2 / max(1, rows.size - 1))
     return LogFit(
         log_k=np.array([math.log(k)]),
-        log_std=scale * log_k_std(log_obs, share),
-        scale=scale,
-        weight=1 / log_obs.variance,
+        log_std=math.sqrt(scatter) * log_k_std(log_obs, share),
+        inconsistent=np.array([scatter > _INCONSISTENT_SCATTER]),
+        trust=np.ones_like(share),
+        weight=1 / (scatter * log_obs.variance),
         share=share,
     )
 
@@ -341,27 +346,19 @@ def _flags(
             Flag.SINGLE_REFERENCE: len(used) == 1 and not has_camera,
             Flag.SINGLE_LABEL: len(used) > 1 and len(labels) == 1 and not has_camera,
             Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
-            Flag.INCONSISTENT: bool(solution.scale[0] > _INCONSISTENT_SCALE),
-            Flag.CAMERA_CONFLICT: has_camera and _camera_conflicts(log_obs),
+            Flag.INCONSISTENT: bool(solution.inconsistent[0]),
+            Flag.CAMERA_CONFLICT: has_camera and _camera_conflicts(obs, log_obs),
             Flag.IMPLAUSIBLE_FOCAL: setting.kind == "metric"
             and (focal_px < low or focal_px > high),
         }
     )
 
 
-def _camera_conflicts(log_obs: LogObservations) -> bool:
+def _camera_conflicts(obs: Observations, log_obs: LogObservations) -> bool:
     """Compare the camera, the last witness, with what all references together say without it."""
-    if log_obs.y.size == 1:
+    if not obs.eligible.size:
         return False
-    others = fit_robust(
-        LogObservations(
-            y=log_obs.y[:-1],
-            variance=log_obs.variance[:-1],
-            tau=log_obs.tau[:-1],
-            image=log_obs.image[:-1],
-            group=log_obs.group[:-1],
-        )
-    )
+    others = fit_robust(_log_observations(obs, obs.eligible, None))
     error = math.hypot(float(log_obs.total_std[-1]), float(others.log_std[0]))
     return abs(float(log_obs.y[-1] - others.log_k[0])) > _CONFLICT_Z * error
 

@@ -20,27 +20,9 @@ from imgscale.estimator import (
 from imgscale.model import Reference
 from imgscale.observations import Observations
 
-__all__ = ["OUTLIER", "explain_references", "precision"]
+__all__ = ["OUTLIER", "explain_references"]
 
 OUTLIER = "outlier"
-
-
-def precision(solution: LogFit) -> FloatArray:
-    """
-    Tell how much each witness of log k counts for predictions.
-
-    Parameters
-    ----------
-    solution : LogFit
-        The fit of one image.
-
-    Returns
-    -------
-    (N,) ndarray of float64
-        Its weight in the fit, less where the references disagree as a whole.
-    """
-    kept: FloatArray = solution.weight / solution.scale[0] ** 2
-    return kept
 
 
 def explain_references(
@@ -71,7 +53,6 @@ def explain_references(
     rows = obs.eligible
     count = rows.size
     tau, group = log_obs.tau[:count], log_obs.group[:count]
-    kept = precision(solution)
 
     def view(weight: FloatArray) -> OthersView:
         own = Subjects(
@@ -83,14 +64,15 @@ def explain_references(
         )
         return view_from_others(log_obs, weight, own)
 
-    others = view(solution.weight)
+    # residuals by the declared errors, so that a disagreement shows
+    others = view(solution.trust / log_obs.variance)
     predicted = others.log_k + others.offset
     predicted_var = others.log_k_var + others.offset_var + 2 * others.covariance
     z_score = (log_obs.y[:count] - predicted) / np.sqrt(predicted_var + log_obs.variance[:count])
-    outlier = solution.weight[:count] == 0
+    outlier = solution.trust[:count] == 0
     measured = solution.log_k[0] + obs.log_size[rows]
     fused, fused_var = fuse_with_prior(
-        view(kept), obs.prior_log[rows], obs.prior_var[rows], obs.log_size[rows],
+        view(solution.weight), obs.prior_log[rows], obs.prior_var[rows], obs.log_size[rows],
         obs.noise_var[rows],
     )  # fmt: skip
     # an outlier's prior does not hold for it: what is left is its measurement
@@ -101,7 +83,7 @@ def explain_references(
         "posterior_m": np.exp(posterior),
         "posterior_std_m": np.exp(posterior) * np.sqrt(posterior_var),
         "z_score": z_score,
-        "precision": kept[:count],
+        "precision": solution.weight[:count],
         "weight": solution.share[:count],
     }
     place = {int(row): index for index, row in enumerate(rows)}
