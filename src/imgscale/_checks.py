@@ -29,11 +29,6 @@ def as_optional_float(value: float | None) -> float | None:
     return None if value is None else as_float(value)
 
 
-def is_number(value: object) -> bool:
-    """Tell whether a converted value is a real number (NaN and inf included)."""
-    return isinstance(value, float)
-
-
 def is_between(value: object, low: float, high: float) -> bool:
     """Tell whether a converted value is a number from `low` to `high`."""
     return isinstance(value, float) and low <= value <= high
@@ -42,30 +37,24 @@ def is_between(value: object, low: float, high: float) -> bool:
 def number_error(name: str, law: str, value: object, remedy: str = "") -> Exception:
     """Build the error for a number that breaks its law: TypeError where it is no number."""
     msg = f"`{name}` must be {law}; got {value!r}.{' ' + remedy if remedy else ''}"
-    return ValueError(msg) if is_number(value) else TypeError(msg)
+    return ValueError(msg) if isinstance(value, float) else TypeError(msg)
 
 
-def positive(_: object, attribute: attrs.Attribute[Any], value: float | None) -> None:
-    """Validate a finite number above zero, or None where the field may be omitted."""
-    if value is None:
-        return
-    if not (is_number(value) and 0 < value < math.inf):
+def positive(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
+    """Validate a finite number above zero."""
+    if not (isinstance(value, float) and 0 < value < math.inf):
         raise number_error(attribute.name, "finite and positive", value)
 
 
-def non_negative(_: object, attribute: attrs.Attribute[Any], value: float | None) -> None:
-    """Validate a finite number at or above zero, or None where the field may be omitted."""
-    if value is None:
-        return
-    if not (is_number(value) and 0 <= value < math.inf):
+def non_negative(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
+    """Validate a finite number at or above zero."""
+    if not (isinstance(value, float) and 0 <= value < math.inf):
         raise number_error(attribute.name, "finite and not negative", value)
 
 
-def finite(_: object, attribute: attrs.Attribute[Any], value: float | None) -> None:
-    """Validate a finite number, or None where the field may be omitted."""
-    if value is None:
-        return
-    if not (is_number(value) and math.isfinite(value)):
+def finite(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
+    """Validate a finite number."""
+    if not (isinstance(value, float) and math.isfinite(value)):
         raise number_error(attribute.name, "finite", value)
 
 
@@ -77,6 +66,23 @@ def text(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
     if not value.strip():
         msg = f"`{attribute.name}` must not be blank; got {value!r}."
         raise ValueError(msg)
+
+
+def as_flag(value: bool | np.bool_) -> bool:  # noqa: FBT001 - a converter
+    """Turn numpy's truth values into `bool`; leave anything else for the validator to name."""
+    return bool(value) if isinstance(value, np.bool_) else value
+
+
+def nan_as_none(value: float | None) -> float | None:
+    """Let two NaN be equal where records are compared."""
+    return None if value is None or math.isnan(value) else value
+
+
+def true_or_false(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
+    """Validate a truth value; words and numbers are not taken for one."""
+    if not isinstance(value, bool):
+        msg = f"`{attribute.name}` must be True or False; got {value!r}."
+        raise TypeError(msg)
 
 
 def check_choice(name: str, value: object, allowed: Sequence[str]) -> None:
@@ -94,7 +100,7 @@ def as_image_size(value: Sequence[int] | None) -> ImageSize | None:
     try:
         width, height = value
         size = (int(width), int(height))
-        lawful = size == (width, height) and min(size) > 0
+        lawful = size == (width, height) and min(size) > 0 and not isinstance(width, bool)
     except (TypeError, ValueError, OverflowError):
         lawful = False
         size = (0, 0)
@@ -116,9 +122,29 @@ def as_known_image_size(value: Sequence[int]) -> ImageSize:
     return size
 
 
+def as_array(name: str, law: str, values: ArrayLike) -> NDArray[Any]:
+    """Turn nested sequences into an array, or say under its name that they are not one."""
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        msg = f"`{name}` must be {law}; got rows of unequal length."
+        raise ValueError(msg) from error
+
+
+def four_numbers(name: str, law: str, values: ArrayLike) -> tuple[float, float, float, float]:
+    """Turn four real numbers into a tuple, or say under its name what they must be."""
+    array = as_array(name, law, values)
+    if array.shape != (4,) or array.dtype.kind not in "fiu":
+        seen = repr(values) if array.size <= 8 else f"shape {array.shape}"
+        msg = f"`{name}` must be {law}; got {seen}."
+        raise ValueError(msg)
+    a, b, c, d = (float(number) for number in array)
+    return (a, b, c, d)
+
+
 def own_floats(name: str, values: ArrayLike, ndim: int, shape_law: str) -> AnyFloatArray:
     """Copy real values into a read-only array; float dtypes stay, integers become float64."""
-    array: NDArray[Any] = np.asarray(values)
+    array = as_array(name, f"an array of shape {shape_law}", values)
     if array.dtype.kind not in "fiu":
         msg = f"`{name}` must hold real numbers; got dtype {array.dtype}."
         raise TypeError(msg)

@@ -67,10 +67,16 @@ class Camera:
     focal_px: float = attrs.field(converter=as_float, validator=positive)
     focal_rel_std: float = attrs.field(kw_only=True, converter=as_float, validator=non_negative)
     cx: float | None = attrs.field(
-        default=None, kw_only=True, converter=as_optional_float, validator=finite
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(finite),
     )
     cy: float | None = attrs.field(
-        default=None, kw_only=True, converter=as_optional_float, validator=finite
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(finite),
     )
     image_size: ImageSize | None = attrs.field(default=None, kw_only=True, converter=as_image_size)
     pitch_deg: float = attrs.field(default=0.0, kw_only=True, converter=as_float, validator=finite)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imgscale._checks import (
     array_summary,
+    as_array,
     as_float,
     as_image_size,
     as_known_image_size,
@@ -26,7 +27,14 @@ from imgscale._checks import (
 from imgscale._typing import AnyFloatArray, BoolArray, DepthKind, FloatArray, ImageSize
 from imgscale.camera import Camera
 
-__all__ = ["Depth", "DepthMap", "GroundPlane", "ObjectDepths", "valid_depths"]
+__all__ = [
+    "Depth",
+    "DepthMap",
+    "GroundPlane",
+    "ObjectDepths",
+    "check_depth_type",
+    "valid_depths",
+]
 
 VALUE_KINDS: tuple[DepthKind, ...] = ("metric", "relative", "inverse", "affine_inverse")
 _FINGERPRINT_SAMPLES = 4096
@@ -56,7 +64,7 @@ def valid_depths(values: AnyFloatArray, kind: DepthKind) -> BoolArray:
 
 
 def _refuse_integers(name: str, values: ArrayLike, scales: str) -> None:
-    dtype = np.asarray(values).dtype
+    dtype = as_array(name, "an array of numbers", values).dtype
     if dtype.kind in "iu":
         msg = (
             f"`{name}` must be floating point; got dtype {dtype}, as files store scaled depth. "
@@ -67,7 +75,7 @@ def _refuse_integers(name: str, values: ArrayLike, scales: str) -> None:
 
 def _as_given(values: ArrayLike) -> NDArray[Any]:
     """Take the values as they come; they are checked and copied where their kind is known."""
-    return np.asarray(values)
+    return as_array("values", "an array of numbers", values)
 
 
 def _check_kind(_: object, __: attrs.Attribute[Any], value: str) -> None:
@@ -309,7 +317,10 @@ class ObjectDepths:
     kind: DepthKind = attrs.field(kw_only=True, validator=_check_kind)
     image_size: ImageSize | None = attrs.field(default=None, kw_only=True, converter=as_image_size)
     rel_std: float | None = attrs.field(
-        default=None, kw_only=True, converter=as_optional_float, validator=non_negative
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(non_negative),
     )
 
     def __attrs_post_init__(self) -> None:
@@ -343,7 +354,7 @@ def own_object_depths(values: ArrayLike) -> FloatArray:
     (N,) ndarray of float64
         The copy.
     """
-    array: NDArray[Any] = np.asarray(values)
+    array = as_array("values", "one depth per detection", values)
     if array.shape == (0,):
         return np.empty(0)
     owned = own_floats("values", array, 1, "(N,), one depth per detection").astype(np.float64)
@@ -383,16 +394,28 @@ class GroundPlane:
 
     image_size: ImageSize = attrs.field(kw_only=True, converter=as_known_image_size)
     horizon_px: float | None = attrs.field(
-        default=None, kw_only=True, converter=as_optional_float, validator=finite
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(finite),
     )
     horizon_std_px: float | None = attrs.field(
-        default=None, kw_only=True, converter=as_optional_float, validator=non_negative
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(non_negative),
     )
     camera_height_m: float | None = attrs.field(
-        default=None, kw_only=True, converter=as_optional_float, validator=positive
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(positive),
     )
     camera_height_std_m: float | None = attrs.field(
-        default=None, kw_only=True, converter=as_optional_float, validator=non_negative
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(non_negative),
     )
 
     def __attrs_post_init__(self) -> None:
@@ -412,3 +435,32 @@ class GroundPlane:
 
 
 Depth: TypeAlias = DepthMap | ObjectDepths | GroundPlane
+
+
+def check_depth_type(value: object) -> Depth:
+    """
+    Raise unless a value is one of the depth types.
+
+    Parameters
+    ----------
+    value : object
+        What was given as depth.
+
+    Returns
+    -------
+    DepthMap, ObjectDepths or GroundPlane
+        The same.
+
+    Raises
+    ------
+    TypeError
+        If it is something else, naming the remedy.
+    """
+    if not isinstance(value, (DepthMap, ObjectDepths, GroundPlane)):
+        msg = (
+            f"`depth` must be a DepthMap, ObjectDepths or GroundPlane, whose `kind` says what the "
+            f"numbers are; got {type(value).__name__}. Wrap one value per detection as "
+            "ObjectDepths(values, kind=...), a map as DepthMap(values, kind=...)."
+        )
+        raise TypeError(msg)
+    return value

@@ -12,11 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from imgscale._checks import (
     array_summary,
+    as_array,
+    as_flag,
     as_float,
     as_known_image_size,
+    four_numbers,
     is_between,
     number_error,
     text,
+    true_or_false,
 )
 from imgscale._typing import BoolArray, Box
 
@@ -24,11 +28,7 @@ __all__ = ["Detection", "check_detections"]
 
 
 def _as_box(value: Sequence[float] | NDArray[Any]) -> Box:
-    array = np.asarray(value)
-    if array.shape != (4,) or array.dtype.kind not in "fiu":
-        msg = f"`xyxy` must be four numbers (x1, y1, x2, y2); got {value!r}."
-        raise ValueError(msg)
-    x1, y1, x2, y2 = (float(number) for number in array)
+    x1, y1, x2, y2 = four_numbers("xyxy", "four numbers (x1, y1, x2, y2)", value)
     if not all(math.isfinite(number) for number in (x1, y1, x2, y2)):
         msg = f"`xyxy` must be finite; got {(x1, y1, x2, y2)}."
         raise ValueError(msg)
@@ -44,7 +44,7 @@ def _as_box(value: Sequence[float] | NDArray[Any]) -> Box:
 def _as_mask(value: ArrayLike | None) -> BoolArray | None:
     if value is None:
         return None
-    array = np.asarray(value)
+    array = as_array("mask", "an array of shape (H, W)", value)
     if array.dtype != np.bool_:
         msg = f"`mask` must be boolean, True on the object; got dtype {array.dtype}."
         raise TypeError(msg)
@@ -119,7 +119,9 @@ class Detection:
         eq=attrs.cmp_using(eq=np.array_equal),
         hash=False,
     )
-    partial: bool = attrs.field(default=False, kw_only=True, converter=bool)
+    partial: bool = attrs.field(
+        default=False, kw_only=True, converter=as_flag, validator=true_or_false
+    )
     track_id: int | str | None = attrs.field(default=None, kw_only=True)
 
     def __attrs_post_init__(self) -> None:
@@ -184,11 +186,7 @@ class Detection:
         ValueError
             If the four numbers do not make a box.
         """
-        array = np.asarray(xywh)
-        if array.shape != (4,) or array.dtype.kind not in "fiu":
-            msg = f"`xywh` must be four numbers (left, top, width, height); got {xywh!r}."
-            raise ValueError(msg)
-        x, y, width, height = (float(number) for number in array)
+        x, y, width, height = four_numbers("xywh", "four numbers (left, top, width, height)", xywh)
         if not (width > 0 and height > 0):
             msg = f"`xywh` must have a positive width and height; got {(x, y, width, height)}."
             raise ValueError(msg)
@@ -234,11 +232,10 @@ class Detection:
         ValueError
             If the four numbers do not make a box.
         """
-        array = np.asarray(bbox)
-        if array.shape != (4,):
-            msg = f"`bbox` must be (min_row, min_col, max_row, max_col); got {bbox!r}."
-            raise ValueError(msg)
-        box = array[[1, 0, 3, 2]]
+        top, left, bottom, right = four_numbers(
+            "bbox", "four numbers (min_row, min_col, max_row, max_col)", bbox
+        )
+        box = (left, top, right, bottom)
         return cls(label, box, score=score, mask=mask, partial=partial, track_id=track_id)
 
     @classmethod
@@ -302,7 +299,12 @@ class Detection:
                 remedy = "Boxes in pixels go through Detection() or Detection.from_xywh()."
                 raise number_error(name, "a ratio between 0 and 1", number, remedy)
         size = as_known_image_size(image_size)
-        xywh = (left * size[0], top * size[1], width * size[0], height * size[1])
+        xywh = (
+            float(left) * size[0],
+            float(top) * size[1],
+            float(width) * size[0],
+            float(height) * size[1],
+        )
         return cls.from_xywh(
             label, xywh, score=score, mask=mask, partial=partial, track_id=track_id
         )

@@ -6,6 +6,7 @@ import math
 
 import attrs
 
+from imgscale._checks import nan_as_none
 from imgscale._format import with_error
 from imgscale._typing import SizeAxis
 from imgscale.flags import Flag, flag_names
@@ -40,11 +41,11 @@ class SizeEstimate:
 
     label: str
     axis: SizeAxis
-    size_m: float
-    std_m: float
-    metres_per_pixel: float
-    depth: float
-    distance_m: float | None
+    size_m: float = attrs.field(eq=nan_as_none)
+    std_m: float = attrs.field(eq=nan_as_none)
+    metres_per_pixel: float = attrs.field(eq=nan_as_none)
+    depth: float = attrs.field(eq=nan_as_none)
+    distance_m: float | None = attrs.field(eq=nan_as_none)
     flags: Flag
 
     def interval(self, level: float = 0.9) -> tuple[float, float]:

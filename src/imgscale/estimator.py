@@ -22,9 +22,10 @@ from imgscale._typing import BoolArray, FloatArray, IntArray
 _TUKEY_C = 4.685
 # Makes the median absolute deviation estimate a standard deviation.
 _MAD_TO_STD = 1.4826
-# A median absolute deviation of 2.5 standard errors: two sound references reach it by chance in 2
-# of 100 images, more references in fewer.
-_CHANCE_MAD = 2.5
+# Median absolute deviations, in standard errors, from which on the result is widened and from which
+# on it is reported: two sound references reach them in 6 and 2 of 100 images, more in fewer.
+_WIDEN_MAD = 2.0
+_REPORT_MAD = 2.5
 _MAX_STEPS = 100
 _STEP_TOLERANCE = 1e-13
 # Relative errors below 1e-6 count as 1e-6: no weight is infinite.
@@ -138,12 +139,12 @@ def fit_robust(obs: LogObservations) -> LogFit:
     Notes
     -----
     Tukey's biweight is ``(1 - (r / 4.685)^2)^2`` inside ``|r| < 4.685`` and 0 outside, r in
-    standard errors. The excess variance is ``M^2 (1 - (2.5 / m)^2)`` where m, the median absolute
-    deviation in standard errors, exceeds 2.5; M is that of the logarithms. The interval of two
+    standard errors. The excess variance is ``M^2 (1 - (2 / m)^2)`` where m, the median absolute
+    deviation in standard errors, exceeds 2; M is that of the logarithms. The interval of two
     references that exclude each other therefore holds both.
     """
     start = _segment_median(obs.y, obs.total_std**-2, obs.image, obs.n_images)
-    excess = _excess_variance(obs, start)
+    excess, inconsistent = _excess_variance(obs, start)
     widened = obs._replace(variance=obs.variance + excess[obs.image])
     log_k = start
     trust, share = np.ones_like(obs.y), np.zeros_like(obs.y)
@@ -158,22 +159,22 @@ def fit_robust(obs: LogObservations) -> LogFit:
     return LogFit(
         log_k=log_k,
         log_std=log_k_std(widened, share),
-        inconsistent=excess > 0,
+        inconsistent=inconsistent,
         trust=trust,
         weight=trust / widened.variance,
         share=share,
     )
 
 
-def _excess_variance(obs: LogObservations, centre: FloatArray) -> FloatArray:
-    """Variance, common to an image's references, of what their errors do not explain."""
+def _excess_variance(obs: LogObservations, centre: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Variance, common to an image's references, beyond their errors; and whether to tell."""
     deviation = np.abs(obs.y - centre[obs.image])
     equal = np.ones_like(deviation)
     raw = _segment_median(deviation, equal, obs.image, obs.n_images)
     relative = _segment_median(deviation / obs.total_std, equal, obs.image, obs.n_images)
-    beyond_chance = np.maximum(_MAD_TO_STD * relative, _CHANCE_MAD)
-    excess: FloatArray = (_MAD_TO_STD * raw) ** 2 * (1 - (_CHANCE_MAD / beyond_chance) ** 2)
-    return excess
+    beyond_chance = np.maximum(_MAD_TO_STD * relative, _WIDEN_MAD)
+    excess: FloatArray = (_MAD_TO_STD * raw) ** 2 * (1 - (_WIDEN_MAD / beyond_chance) ** 2)
+    return excess, beyond_chance > _REPORT_MAD
 
 
 def log_k_std(obs: LogObservations, share: FloatArray) -> FloatArray:

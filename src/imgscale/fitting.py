@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypedDict, Unpack, get_args
+from typing import TypedDict, get_args
 
 import attrs
 import numpy as np
@@ -148,7 +148,11 @@ def observe_references(
     detections: Sequence[Detection],
     depth: Depth,
     priors: PriorTable | None = None,
-    **options: Unpack[FitOptions],
+    *,
+    ground: GroundPlane | None = None,
+    camera: Camera | None = None,
+    method: FitMethod = "robust",
+    noise: Noise = Noise(),  # noqa: B008 - frozen
 ) -> tuple[Observations, Setting]:
     """
     Check the arguments of `fit` and turn them into columns.
@@ -161,8 +165,14 @@ def observe_references(
         As for `fit`.
     priors : PriorTable, optional
         As for `fit`.
-    **options
-        The keyword arguments of `fit`.
+    ground : GroundPlane, optional
+        As for `fit`.
+    camera : Camera, optional
+        As for `fit`.
+    method : str
+        As for `fit`.
+    noise : Noise
+        As for `fit`.
 
     Returns
     -------
@@ -179,9 +189,7 @@ def observe_references(
         If an argument is of the wrong type.
     """
     usable = usable_depth(depth)
-    noise, camera = options.get("noise", Noise()), options.get("camera")
-    method = options.get("method", METHODS[-1])
-    _check_options(usable, priors, options.get("ground"), camera, method, noise)
+    _check_options(usable, priors, ground, camera, method, noise)
     table = PriorTable.default() if priors is None else priors
     setting = Setting(
         kind=usable.kind,

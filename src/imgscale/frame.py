@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 
 from imgscale.camera import Camera
-from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
+from imgscale.depth import Depth, check_depth_type
 from imgscale.detection import Detection, check_detections
 
 __all__ = ["Frame"]
@@ -19,11 +19,7 @@ def _check_detections(_: object, __: attrs.Attribute[Any], value: Sequence[objec
 
 
 def _check_depth(_: object, __: attrs.Attribute[Any], value: object) -> None:
-    if not isinstance(value, (DepthMap, ObjectDepths, GroundPlane)):
-        msg = (
-            f"`depth` must be a DepthMap, ObjectDepths or GroundPlane; got {type(value).__name__}."
-        )
-        raise TypeError(msg)
+    check_depth_type(value)
 
 
 def _as_detections(value: Iterable[Detection]) -> tuple[Detection, ...]:

@@ -11,10 +11,11 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike
 
+from imgscale._checks import nan_as_none
 from imgscale._format import with_error
 from imgscale._typing import Box, DepthKind, FitMethod, FloatArray, ImageSize, SizeAxis
 from imgscale.camera import Camera
-from imgscale.depth import DepthMap, valid_depths
+from imgscale.depth import Depth, DepthMap, check_depth_type, valid_depths
 from imgscale.errors import DepthMismatchError
 from imgscale.flags import Flag, flag_names, flags_of
 from imgscale.laws import LAWS
@@ -69,19 +70,19 @@ class Reference:
     label: str
     xyxy: Box
     axis: SizeAxis
-    pixels: float
-    depth: float
-    metres_per_pixel: float
-    k: float
-    prior_m: float
-    prior_std_m: float
-    prior_mean_std_m: float
-    noise_rel: float
-    posterior_m: float
-    posterior_std_m: float
-    z_score: float
-    precision: float
-    weight: float
+    pixels: float = attrs.field(eq=nan_as_none)
+    depth: float = attrs.field(eq=nan_as_none)
+    metres_per_pixel: float = attrs.field(eq=nan_as_none)
+    k: float = attrs.field(eq=nan_as_none)
+    prior_m: float = attrs.field(eq=nan_as_none)
+    prior_std_m: float = attrs.field(eq=nan_as_none)
+    prior_mean_std_m: float = attrs.field(eq=nan_as_none)
+    noise_rel: float = attrs.field(eq=nan_as_none)
+    posterior_m: float = attrs.field(eq=nan_as_none)
+    posterior_std_m: float = attrs.field(eq=nan_as_none)
+    z_score: float = attrs.field(eq=nan_as_none)
+    precision: float = attrs.field(eq=nan_as_none)
+    weight: float = attrs.field(eq=nan_as_none)
     reason: str
 
     @property
@@ -137,7 +138,7 @@ class ScaleModel:
     shift_std: float
     kind: DepthKind
     method: FitMethod
-    mean_depth: float
+    mean_depth: float = attrs.field(eq=nan_as_none)
     references: tuple[Reference, ...]
     flags: Flag
     priors: PriorTable = attrs.field(repr=lambda table: f"<{len(table)} priors>")
@@ -280,7 +281,7 @@ class ScaleModel:
             scale_rel_std=math.hypot(self.k_std / self.k, camera.focal_rel_std),
         )
 
-    def check_depth(self, depth: object, *, same_scale: bool) -> None:
+    def check_depth(self, depth: Depth, *, same_scale: bool) -> None:
         """
         Raise unless depth is of the model's kind and scale.
 
@@ -295,10 +296,11 @@ class ScaleModel:
         ------
         DepthMismatchError
             If the kind differs or, unless the kind is metric, the map.
+        TypeError
+            If it is no depth.
         """
-        kind = getattr(depth, "kind", None)
-        if kind != self.kind:
-            msg = f'`depth` must be of the model\'s kind, "{self.kind}"; got "{kind}".'
+        if check_depth_type(depth).kind != self.kind:
+            msg = f'`depth` must be of the model\'s kind, "{self.kind}"; got "{depth.kind}".'
             raise DepthMismatchError(msg)
         if self.kind == "metric" or same_scale or self.fingerprint is None:
             return

@@ -49,5 +49,5 @@ class Noise:
     box_px: float = attrs.field(default=1.0, converter=as_float, validator=non_negative)
     box_rel: float = attrs.field(default=0.0, converter=as_float, validator=non_negative)
     depth_rel: float | None = attrs.field(
-        default=None, converter=as_optional_float, validator=non_negative
+        default=None, converter=as_optional_float, validator=attrs.validators.optional(non_negative)
     )

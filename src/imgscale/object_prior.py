@@ -9,6 +9,7 @@ from typing import Any
 import attrs
 
 from imgscale._checks import (
+    as_flag,
     as_float,
     as_optional_float,
     check_choice,
@@ -17,6 +18,7 @@ from imgscale._checks import (
     number_error,
     positive,
     text,
+    true_or_false,
 )
 from imgscale._tables import shipped_table
 from imgscale._typing import Region, SizeAxis
@@ -49,6 +51,16 @@ def normal_label(label: str) -> str:
 
 def _as_aliases(value: Iterable[str]) -> tuple[str, ...]:
     return (value,) if isinstance(value, str) else tuple(value)
+
+
+def _check_aliases(_: object, __: object, value: tuple[object, ...]) -> None:
+    for alias in value:
+        if not isinstance(alias, str):
+            msg = f"`aliases` must be strings; got {alias!r}."
+            raise TypeError(msg)
+        if not alias.strip() or ";" in alias:
+            msg = f"`aliases` must not be blank or hold a semicolon; got {alias!r}."
+            raise ValueError(msg)
 
 
 def _check_axis(_: object, __: attrs.Attribute[Any], value: str) -> None:
@@ -131,14 +143,21 @@ class ObjectPrior:
         default=0.0, kw_only=True, converter=as_float, validator=non_negative
     )
     axis: SizeAxis = attrs.field(default="height", kw_only=True, validator=_check_axis)
-    on_ground: bool = attrs.field(default=True, kw_only=True, converter=bool)
+    on_ground: bool = attrs.field(
+        default=True, kw_only=True, converter=as_flag, validator=true_or_false
+    )
     depth_extent_m: float | None = attrs.field(
-        default=None, kw_only=True, converter=as_optional_float, validator=positive
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(positive),
     )
     share: float = attrs.field(
         default=1.0, kw_only=True, converter=as_float, validator=_check_share
     )
-    aliases: tuple[str, ...] = attrs.field(default=(), kw_only=True, converter=_as_aliases)
+    aliases: tuple[str, ...] = attrs.field(
+        default=(), kw_only=True, converter=_as_aliases, validator=_check_aliases
+    )
     source: str = attrs.field(default="", kw_only=True)
     region: Region = attrs.field(default="world", kw_only=True, validator=_check_region)
     year: int | None = attrs.field(default=None, kw_only=True)

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
-from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
+from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths, check_depth_type
 from imgscale.detection import Detection, check_detections
 from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
 from imgscale.laws import LAWS
@@ -210,26 +210,20 @@ def usable_depth(depth: object) -> DepthMap | ObjectDepths:
     ValueError
         If it is a depth that this version does not fit.
     """
-    if isinstance(depth, GroundPlane):
+    known = check_depth_type(depth)
+    if isinstance(known, GroundPlane):
         msg = (
             "`depth` must be a DepthMap or ObjectDepths in this version; got a GroundPlane. "
             "Sizes from the ground plane alone are not fitted yet."
         )
         raise ValueError(msg)  # noqa: TRY004 - a lawful type whose turn has not come
-    if not isinstance(depth, (DepthMap, ObjectDepths)):
-        msg = (
-            f"`depth` must be a DepthMap or ObjectDepths, whose `kind` says what the numbers are; "
-            f"got {type(depth).__name__}. Wrap one value per detection as "
-            "ObjectDepths(values, kind=...), a map as DepthMap(values, kind=...)."
-        )
-        raise TypeError(msg)
-    if LAWS[depth.kind].has_shift:
+    if LAWS[known.kind].has_shift:
         msg = (
             f'`depth` must be of kind "metric", "relative" or "inverse" in this version; got '
-            f'"{depth.kind}". Its unknown shift is not fitted yet.'
+            f'"{known.kind}". Its unknown shift is not fitted yet.'
         )
         raise ValueError(msg)
-    return depth
+    return known
 
 
 class _Witness(NamedTuple):
@@ -279,7 +273,9 @@ def _witness(
 
     def error(witness: _Witness) -> float:
         box = extent_rel_std(extents[witness.axis][index : index + 1], noise.box_px, noise.box_rel)
-        return math.hypot(witness.std_m, witness.mean_std_m) / witness.mean_m + float(box[0])
+        return math.hypot(
+            witness.std_m / witness.mean_m, witness.mean_std_m / witness.mean_m, float(box[0])
+        )
 
     return min(witnesses, key=error) if witnesses else _moments([], "height")
 

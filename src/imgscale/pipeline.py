@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from imgscale._typing import FitMethod, ImageArray, ImageSize, SizeAxis
 from imgscale.camera import Camera
-from imgscale.depth import Depth
+from imgscale.depth import Depth, check_depth_type
 from imgscale.detection import Detection
 from imgscale.estimate import SizeEstimate
 from imgscale.fitting import fit
@@ -122,7 +122,15 @@ def measure(
     """
     pixels = _upright_rgb(image)
     detections = tuple(detector(pixels))
-    depth = depth_source(pixels)
+    depth = check_depth_type(depth_source(pixels))
+    size = (pixels.shape[1], pixels.shape[0])
+    if depth.image_size not in {None, size}:
+        msg = (
+            f"`depth_source` must give depth for the picture, {size[0]} x {size[1]} px; got "
+            f"image_size={depth.image_size}. Pass image_size=(width, height) of the picture to a "
+            "DepthMap of another size."
+        )
+        raise ValueError(msg)
     model = fit(detections, depth, priors, camera=camera, method=method, noise=noise)
     estimates = predict(model, detections, depth, axis=axis, use_prior=use_prior)
     return Measurement(
@@ -130,7 +138,7 @@ def measure(
         estimates=tuple(estimates),
         detections=detections,
         depth=depth,
-        image_size=(pixels.shape[1], pixels.shape[0]),
+        image_size=size,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from imgscale._checks import check_choice
 from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
-from imgscale.depth import Depth, ObjectDepths
+from imgscale.depth import Depth, DepthMap, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.errors import FitError
 from imgscale.estimate import SizeEstimate
@@ -101,7 +101,11 @@ def predict(
         shared_flags = Flag.MEAN_DEPTH
     model.check_depth(depth, same_scale=same_scale)
     obs = observe(detections, depth, model.priors, model.noise, axis=axis)
-    return estimate_observed(model, detections, obs, use_prior=use_prior, flags=shared_flags)
+    obs = obs._replace(depth_var=obs.depth_var + _other_map_variance(model, depth))
+    own = _own_rows(model, detections, obs)
+    return estimate_observed(
+        model, detections, obs, own=own, use_prior=use_prior, flags=shared_flags
+    )
 
 
 def estimate_observed(
@@ -109,6 +113,7 @@ def estimate_observed(
     detections: Sequence[Detection],
     obs: Observations,
     *,
+    own: IntArray,
     use_prior: bool,
     flags: Flag = Flag(0),  # noqa: B008 - an immutable member
 ) -> list[SizeEstimate]:
@@ -123,6 +128,8 @@ def estimate_observed(
         The objects, for their labels and boxes.
     obs : Observations
         Their columns, one row each.
+    own : (N,) ndarray of int
+        Which of the model's references each row was, -1 for none.
     use_prior : bool
         Fuse the measurement with the objects' own priors.
     flags : Flag
@@ -141,7 +148,6 @@ def estimate_observed(
     if use_prior and model.method != "robust":
         msg = f'`use_prior` must be False for method "{model.method}"; only "robust" fits jointly.'
         raise ValueError(msg)
-    own = _own_rows(model, detections, obs)
     is_reference = own >= 0
     share = np.array([ref.weight for ref in model.references] + [0.0])[own]
     log_size = math.log(model.k) + obs.log_size
@@ -172,13 +178,25 @@ def _at_mean_depth(model: ScaleModel, count: int) -> ObjectDepths:
             f"got {len(used)}."
         )
         raise FitError(msg)
-    distances = LAWS[model.kind].relative_distance(np.array(used), model.shift)
+    logs = np.log(LAWS[model.kind].relative_distance(np.array(used), model.shift))
+    # of a new object, and of a scatter that few depths show: Student's 95 % quantile over the
+    # normal's, by its Cornish-Fisher expansion
+    dof = logs.size - 1
+    small_sample = 1 + 0.926 / dof + 0.863 / dof**2 + 0.598 / dof**3
+    scatter = float(np.std(logs, ddof=1)) * math.sqrt(1 + 1 / logs.size)
     return ObjectDepths(
         np.full(count, model.mean_depth),
         kind=model.kind,
         image_size=model.image_size,
-        rel_std=float(np.std(np.log(distances), ddof=1)),
+        rel_std=scatter * small_sample,
     )
+
+
+def _other_map_variance(model: ScaleModel, depth: Depth) -> float:
+    """Sum the scale errors of two maps, where another than the fitted one is used."""
+    if not isinstance(depth, DepthMap) or depth.fingerprint == model.fingerprint:
+        return 0.0
+    return model.scale_rel_std**2 + depth.scale_rel_std**2
 
 
 def _own_rows(model: ScaleModel, detections: Sequence[Detection], obs: Observations) -> IntArray:

@@ -6,7 +6,7 @@ from typing import Any
 
 from imgscale._tables import Table
 from imgscale._typing import Region, SizeAxis
-from imgscale.object_prior import ObjectPrior
+from imgscale.object_prior import ObjectPrior, normal_label
 
 __all__ = ["COLUMNS", "read_rows", "write_row"]
 
@@ -14,6 +14,10 @@ COLUMNS = (
     "label", "aliases", "axis", "mean_m", "std_m", "mean_std_m", "on_ground", "depth_extent_m",
     "share", "region", "source", "year", "n", "spans",
 )  # fmt: skip
+_NUMBERS: dict[str, type[float | int]] = {
+    "mean_m": float, "std_m": float, "mean_std_m": float, "depth_extent_m": float, "share": float,
+    "year": int, "n": int,
+}  # fmt: skip
 
 
 def read_rows(table: Table, region: Region) -> list[ObjectPrior]:
@@ -64,10 +68,14 @@ def read_rows(table: Table, region: Region) -> list[ObjectPrior]:
 
 def _rows_of_region(rows: list[ObjectPrior], region: Region, name: str) -> list[ObjectPrior]:
     """Keep a region's own rows and, where it has none, the world's."""
+
+    def key(row: ObjectPrior) -> tuple[str, SizeAxis]:
+        return normal_label(row.label), row.axis
+
     regions: dict[tuple[str, SizeAxis], set[str]] = {}
     for row in rows:
-        regions.setdefault((row.label, row.axis), set()).add(row.region)
-    lost = sorted(key[0] for key, found in regions.items() if not found & {"world", region})
+        regions.setdefault(key(row), set()).add(row.region)
+    lost = sorted(label for (label, _), found in regions.items() if not found & {"world", region})
     if lost:
         msg = (
             f'{name} must have a row for region "world" or "{region}" of every label; '
@@ -75,10 +83,17 @@ def _rows_of_region(rows: list[ObjectPrior], region: Region, name: str) -> list[
         )
         raise ValueError(msg)
     return [
-        row
-        for row in rows
-        if row.region == (region if region in regions[row.label, row.axis] else "world")
+        row for row in rows if row.region == (region if region in regions[key(row)] else "world")
     ]
+
+
+def _parse_number(column: str, number: type[float | int], cell: str) -> float:
+    try:
+        return number(cell)
+    except ValueError as error:
+        law = "a whole number" if number is int else "a number"
+        msg = f"`{column}` must be {law}; got {cell!r}."
+        raise ValueError(msg) from error
 
 
 def _parse_row(record: dict[str, Any]) -> ObjectPrior:
@@ -87,12 +102,9 @@ def _parse_row(record: dict[str, Any]) -> ObjectPrior:
         msg = "a row must have as many cells as the header."
         raise ValueError(msg)
     cells = {column: cell.strip() for column, cell in record.items() if cell.strip()}
-    for column in ("mean_m", "std_m", "mean_std_m", "depth_extent_m", "share"):
+    for column, number in _NUMBERS.items():
         if column in cells:
-            cells[column] = float(cells[column])
-    for column in ("year", "n"):
-        if column in cells:
-            cells[column] = int(cells[column])
+            cells[column] = _parse_number(column, number, cells[column])
     if "aliases" in cells:
         cells["aliases"] = [part.strip() for part in cells["aliases"].split(";") if part.strip()]
     if "on_ground" in cells:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Iterator
 from os import PathLike
-from typing import Any
 
 import attrs
 
@@ -24,7 +23,7 @@ def _as_priors(value: Iterable[ObjectPrior]) -> tuple[ObjectPrior, ...]:
     return tuple(value)
 
 
-def _check_priors(_: object, __: attrs.Attribute[Any], value: tuple[object, ...]) -> None:
+def _check_priors(_: object, __: object, value: tuple[object, ...]) -> None:
     for index, item in enumerate(value):
         if not isinstance(item, ObjectPrior):
             msg = f"`priors` must hold ObjectPrior objects; got {item!r} at index {index}."
@@ -132,6 +131,7 @@ class PriorTable:
         >>> [row.mean_m for row in mine.lookup("door")]
         [2.031]
         """
+        _check_priors(None, None, (prior,))
         taken = set(prior.names)
         kept = [
             attrs.evolve(

@@ -83,11 +83,12 @@ def sample_surface(
     DepthSample
         NaN where no pixel is valid.
     """
+    shares = (_CORE_SHARE, 1.0)  # the whole box only where the core has no depth at all
+    pixels = [values[_window(values.shape, box, image_size, share)] for share in shares]
     if mask is not None:
-        pixels = [_masked(values, box, mask, image_size)]
-    else:
-        shares = (_CORE_SHARE, 1.0)  # the whole box only where the core has no depth at all
-        pixels = [values[_window(values.shape, box, image_size, share)] for share in shares]
+        on_mask = _masked(values, box, mask, image_size)
+        if on_mask.size:  # else it is thinner than a pixel of the map
+            pixels = [on_mask]
     for candidates in pixels:
         seen = candidates[valid_depths(candidates, kind)]
         if seen.size:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Unpack
 
+import numpy as np
+
 from imgscale.depth import Depth
 from imgscale.detection import Detection
 from imgscale.errors import FitError
@@ -71,20 +73,23 @@ def leave_one_out(
     table: height 0.750 +- 0.017 m
     """
     obs, setting = observe_references(detections, depth, priors, **fit_options)
+    rows = np.arange(len(detections))
+    nobody = np.full(rows.size, -1, dtype=np.intp)
+    own = np.where(np.isin(rows, obs.eligible), rows, nobody)
     estimates = estimate_observed(
-        fit_observed(detections, obs, setting), detections, obs, use_prior=use_prior
+        fit_observed(detections, obs, setting), detections, obs, own=own, use_prior=use_prior
     )
     for row in (int(index) for index in obs.eligible):
         reasons = list(obs.reason)
         reasons[row] = _LEFT_OUT
-        others = obs._replace(reason=tuple(reasons))
         try:
-            model = fit_observed(detections, others, setting)
+            model = fit_observed(detections, obs._replace(reason=tuple(reasons)), setting)
         except FitError as error:
             msg = (
                 "`detections` must hold at least two references to leave one out; "
                 f"got {detections[row].label} alone."
             )
             raise FitError(msg) from error
-        estimates[row] = estimate_observed(model, detections, obs, use_prior=use_prior)[row]
+        left_out = estimate_observed(model, detections, obs, own=nobody, use_prior=use_prior)
+        estimates[row] = left_out[row]
     return estimates
