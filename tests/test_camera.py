@@ -214,7 +214,7 @@ def test_cropped_photo_is_refused_with_both_sizes(tmp_path, size):
     photo = write_photo(tmp_path / "a.jpg", size, f35=26, taken=(4000, 3000))
     law = (
         r"must have the aspect ratio it was taken with, 4000 x 3000; "
-        rf"got {size[0]} x {size[1]}\. A cropped picture's focal length must be given by hand"
+        rf"got {size[0]} x {size[1]}\..*focal length.*by hand"
     )
     with pytest.raises(ValueError, match=law):
         Camera.from_exif(photo)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imgscale.estimator import (
+    MIN_VARIANCE,
     LogObservations,
     OthersView,
     Subjects,
@@ -97,35 +98,39 @@ def test_small_residuals_reproduce_generalised_least_squares(seed):
     assert fitted.log_k[0] == pytest.approx(mean, abs=1e-11)
     assert fitted.log_std[0] == pytest.approx(math.sqrt(variance), rel=1e-7)
     np.testing.assert_allclose(fitted.share, share, rtol=1e-6)
-    assert fitted.scale[0] == 1
+    assert not fitted.inconsistent[0]
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_noisy_references_are_weighed_by_tukeys_biweight(seed):
-    obs = random_image(np.random.default_rng(seed), labels=(4, 3, 1))
+@pytest.mark.parametrize("labels", [(4, 3, 1), (1, 1), (1, 1, 1), (6,)], ids=str)
+@pytest.mark.parametrize("residual", [1.0, 4.0], ids=["honest", "contradicting"])
+@pytest.mark.parametrize("seed", range(3))
+def test_log_k_is_the_dense_solution_of_tukeys_weights(seed, residual, labels):
+    obs = random_image(np.random.default_rng(seed), labels=labels, residual=residual)
     fitted = fit_robust(obs)
-    total_std = np.sqrt(obs.variance + obs.tau**2)
-    r = (obs.y - fitted.log_k[0]) / (TUKEY_C * fitted.scale[0] * total_std)
+    # the variance that each reference was given: declared, and an excess common to all
+    variance = np.divide(
+        fitted.trust, fitted.weight, out=obs.variance.copy(), where=fitted.weight > 0
+    )
+    excess = (variance - obs.variance)[fitted.weight > 0]
+    assert np.ptp(excess) <= 1e-12
+    assert excess.min() >= -1e-15
+    variance = obs.variance + max(0.0, excess[0])
+
+    r = (obs.y - fitted.log_k[0]) / (TUKEY_C * np.sqrt(variance + obs.tau**2))
     biweight = np.where(np.abs(r) < 1, (1 - r**2) ** 2, 0.0)
-    np.testing.assert_allclose(fitted.weight, biweight / obs.variance, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(fitted.trust, biweight, atol=1e-9)
 
+    kept = fitted.weight > 0
+    small = observations(obs.y[kept], variance[kept], obs.tau[kept], obs.group[kept])
+    mean, _, share = generalised_least_squares(
+        small.y, dense_covariance(small, 1 / fitted.weight[kept])
+    )
+    assert fitted.log_k[0] == pytest.approx(mean, abs=1e-10)
+    np.testing.assert_allclose(fitted.share[kept], share, rtol=1e-8, atol=1e-12)
+    assert np.all(fitted.share[~kept] == 0)
 
-@pytest.mark.parametrize("seed", range(6))
-def test_log_k_is_the_dense_solution_at_the_weights_it_reports(seed):
-    obs = random_image(np.random.default_rng(seed), labels=(4, 3, 1))
-    fitted = fit_robust(obs)
-    mean, _, share = generalised_least_squares(obs.y, dense_covariance(obs, 1 / fitted.weight))
-    assert fitted.log_k[0] == pytest.approx(mean, abs=1e-11)
-    np.testing.assert_allclose(fitted.share, share, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_log_std_propagates_the_declared_errors_through_the_shares(seed):
-    obs = random_image(np.random.default_rng(seed), labels=(4, 3, 1))
-    fitted = fit_robust(obs)
-    variance = fitted.share @ dense_covariance(obs, obs.variance) @ fitted.share
-    assert fitted.log_std[0] == pytest.approx(fitted.scale[0] * math.sqrt(variance), rel=1e-12)
-    assert log_k_std(obs, fitted.share)[0] == pytest.approx(math.sqrt(variance), rel=1e-12)
+    propagated = share @ dense_covariance(small, variance[kept]) @ share
+    assert fitted.log_std[0] == pytest.approx(math.sqrt(propagated), rel=1e-9)
 
 
 def test_log_k_std_takes_any_shares():
@@ -228,8 +233,8 @@ def test_many_images_at_once_equal_each_image_alone(seed):
     np.testing.assert_allclose(np.bincount(together.image, fitted.share), 1.0, rtol=1e-12)
 
 
-def test_a_reference_without_error_is_believed_and_stays_finite():
-    fitted = fit_robust(observations([-6.0, -5.9], [0.0, 0.1**2], [0.0, 0.0], [0, 1]))
+def test_a_reference_of_the_smallest_error_is_believed_and_stays_finite():
+    fitted = fit_robust(observations([-6.0, -5.9], [MIN_VARIANCE, 0.1**2], [0.0, 0.0], [0, 1]))
     assert fitted.log_k[0] == pytest.approx(-6.0, abs=1e-9)
     assert 0 < fitted.log_std[0] <= 1e-6
     assert np.all(np.isfinite(fitted.weight))
@@ -272,7 +277,7 @@ def test_the_interval_of_two_contradicting_references_holds_both(gap, stds):
     fitted = fit_robust(observations(y, np.square(stds), [0, 0], [0, 1]))
     half_width = Z90 * fitted.log_std[0]
     assert np.all(np.abs(y - fitted.log_k[0]) <= half_width)
-    assert fitted.scale[0] > 2
+    assert fitted.inconsistent[0]
 
 
 def test_contradicting_references_of_equal_errors_meet_in_the_middle():
@@ -284,7 +289,9 @@ def test_honest_scatter_of_many_references_does_not_widen_the_result():
     rng = np.random.default_rng(11)
     for _ in range(20):
         obs = random_image(rng, labels=(5, 5, 5))
-        assert fit_robust(obs).scale[0] == 1
+        fitted = fit_robust(obs)
+        np.testing.assert_allclose(fitted.weight, fitted.trust / obs.variance, rtol=1e-12)
+        assert not fitted.inconsistent[0]
 
 
 def test_ninety_percent_intervals_of_k_cover_ninety_percent():

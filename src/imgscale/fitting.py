@@ -19,11 +19,11 @@ from imgscale.errors import FitError
 from imgscale.estimator import MIN_VARIANCE, LogFit, LogObservations, fit_robust, log_k_std
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
-from imgscale.model import Reference, ScaleModel, numbered_labels
+from imgscale.model import OUTLIER, Reference, ScaleModel, numbered_labels
 from imgscale.noise import Noise
 from imgscale.observations import Observations, observe, usable_depth
 from imgscale.priors import PriorTable
-from imgscale.referencing import OUTLIER, explain_references
+from imgscale.referencing import explain_references
 
 __all__ = ["fit"]
 

@@ -23,7 +23,9 @@ from imgscale.noise import Noise
 from imgscale.object_prior import ObjectPrior
 from imgscale.priors import PriorTable
 
-__all__ = ["Reference", "ScaleModel"]
+__all__ = ["OUTLIER", "Reference", "ScaleModel"]
+
+OUTLIER = "outlier"
 
 _SCHEMA = 1
 
@@ -295,12 +297,18 @@ class ScaleModel:
         Raises
         ------
         DepthMismatchError
-            If the kind differs or, unless the kind is metric, the map.
+            If the kind or the image's size differs or, unless the kind is metric, the map.
         TypeError
             If it is no depth.
         """
         if check_depth_type(depth).kind != self.kind:
             msg = f'`depth` must be of the model\'s kind, "{self.kind}"; got "{depth.kind}".'
+            raise DepthMismatchError(msg)
+        if self.image_size and depth.image_size and self.image_size != depth.image_size:
+            msg = (
+                f"`depth` must have the image_size of the fitted image, {self.image_size}; got "
+                f"{depth.image_size}. k belongs to pixels of that size; fit the resized image anew."
+            )
             raise DepthMismatchError(msg)
         if self.kind == "metric" or same_scale or self.fingerprint is None:
             return

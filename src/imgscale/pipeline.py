@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Measurement", "measure"]
 
 
-@attrs.frozen(kw_only=True)
+@attrs.frozen
 class Measurement:
     """
     Everything that came out of one picture.

@@ -18,7 +18,7 @@ from imgscale.estimate import SizeEstimate
 from imgscale.estimator import LogObservations, Subjects, fuse_with_prior, view_from_others
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS
-from imgscale.model import Reference, ScaleModel
+from imgscale.model import OUTLIER, Reference, ScaleModel
 from imgscale.object_prior import SIZE_AXES
 from imgscale.observations import MeanKey, Observations, mean_key, observe
 
@@ -64,7 +64,8 @@ def predict(
     ValueError
         If `depth` is missing or an argument breaks its law.
     DepthMismatchError
-        If `depth` is of another kind than the model's or, unless the kind is metric, another map.
+        If `depth` is of another kind or image size than the model's or, unless the kind is metric,
+        another map.
     FitError
         If ``depth="mean"`` and the model has fewer than two references.
 
@@ -148,25 +149,27 @@ def estimate_observed(
     if use_prior and model.method != "robust":
         msg = f'`use_prior` must be False for method "{model.method}"; only "robust" fits jointly.'
         raise ValueError(msg)
-    is_reference = own >= 0
-    share = np.array([ref.weight for ref in model.references] + [0.0])[own]
+    mine = [None if index < 0 else model.references[index] for index in map(int, own)]
+    share = np.array([0.0 if ref is None else ref.weight for ref in mine])
+    same_axis = np.array(
+        [ref is not None and ref.axis == axis for ref, axis in zip(mine, obs.axis, strict=True)],
+        dtype=np.bool_,
+    )
     log_size = math.log(model.k) + obs.log_size
-    # a reference's box and depth errors are in k too: var(log k - share e + e)
-    variance = (model.k_std / model.k) ** 2 + obs.noise_var * (1 - 2 * share)
-    fused = np.zeros(obs.pixels.size, dtype=np.bool_)
+    # what a reference's own errors e did to k: var(log k - share e + e)
+    common = obs.depth_var + np.where(same_axis, obs.box_var, 0.0)
+    variance = (model.k_std / model.k) ** 2 + obs.noise_var - 2 * share * common
+    fused = np.zeros(own.size, dtype=np.bool_)
     if use_prior:
-        fused = ~np.isnan(obs.prior_m)
-        fused[is_reference] &= np.array([ref.used for ref in model.references] + [True])[
-            own[is_reference]
-        ]
-        log_fused, var_fused = _with_prior(model, detections, obs, own)
-        log_size = np.where(fused, log_fused, log_size)
-        variance = np.where(fused, var_fused, variance)
+        # the prior of a rejected reference does not hold for it
+        rejected = [ref is not None and ref.reason == OUTLIER for ref in mine]
+        fused = ~np.isnan(obs.prior_m) & ~np.array(rejected, dtype=np.bool_)
+        joint = _with_prior(model, detections, obs, np.where(same_axis, own, -1))
+        log_size, variance = np.where(fused, joint, (log_size, variance))
     size_m = np.exp(log_size)
     std_m = size_m * np.sqrt(np.maximum(variance, 0.0))
-    return _estimates(
-        model, detections, obs, size_m, std_m, _row_flags(obs, is_reference, fused, flags)
-    )
+    row_flags = _row_flags(obs, share > 0, fused, flags)
+    return _estimates(model, detections, obs, size_m, std_m, row_flags)
 
 
 def _at_mean_depth(model: ScaleModel, count: int) -> ObjectDepths:
@@ -200,14 +203,14 @@ def _other_map_variance(model: ScaleModel, depth: Depth) -> float:
 
 
 def _own_rows(model: ScaleModel, detections: Sequence[Detection], obs: Observations) -> IntArray:
-    """Find the reference that each detection was: same label, box, axis and depth; else -1."""
+    """Find the reference that each detection was: same label, box and depth; else -1."""
     places: defaultdict[tuple[object, ...], list[int]] = defaultdict(list)
     for index, ref in enumerate(model.references):
-        if ref.reason in {"", "outlier"}:
-            places[ref.label, ref.xyxy, ref.axis, ref.depth].append(index)
+        if ref.reason in {"", OUTLIER}:
+            places[ref.label, ref.xyxy, ref.depth].append(index)
     own = np.full(len(detections), -1, dtype=np.intp)
     for row, detection in enumerate(detections):
-        found = places.get((detection.label, detection.xyxy, obs.axis[row], float(obs.depth[row])))
+        found = places.get((detection.label, detection.xyxy, float(obs.depth[row])))
         if found:
             own[row] = found.pop(0)
     return own

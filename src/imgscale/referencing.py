@@ -17,12 +17,10 @@ from imgscale.estimator import (
     fuse_with_prior,
     view_from_others,
 )
-from imgscale.model import Reference
+from imgscale.model import OUTLIER, Reference
 from imgscale.observations import Observations
 
-__all__ = ["OUTLIER", "explain_references"]
-
-OUTLIER = "outlier"
+__all__ = ["explain_references"]
 
 
 def explain_references(

@@ -1,0 +1,853 @@
+"""The verb `fit`: exact recovery, laws, robustness, the camera as witness, hostile input."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import imgscale as ims
+from imgscale import Flag
+
+FOCAL = 800.0
+SIZE = (2000, 1500)
+BASELINE = 0.54
+UNIT = 3.7  # of the relative depths, per metre
+METHODS = ["mean_ratio", "least_squares", "robust"]
+Z90 = 1.6448536269514722
+NAN = math.nan
+
+TO_KIND = {
+    "metric": (lambda z: z, 1 / FOCAL),
+    "relative": (lambda z: UNIT * z, 1 / (UNIT * FOCAL)),
+    "inverse": (lambda z: FOCAL * BASELINE / z, BASELINE),
+}
+
+
+def box(label, height, width=40.0, *, left=50.0, top=20.0, **options):
+    return ims.Detection(label, (left, top, left + width, top + height), **options)
+
+
+def exact_priors(heights, std_m=0.0):
+    return ims.PriorTable([ims.ObjectPrior(f"pole {i}", h, std_m) for i, h in enumerate(heights)])
+
+
+def poles(heights, z, focal=FOCAL):
+    """One detection per height and depth, each of a label of its own."""
+    return [
+        box(f"pole {i}", focal * h / d) for i, (h, d) in enumerate(zip(heights, z, strict=True))
+    ]
+
+
+def relative(values, **options):
+    return ims.ObjectDepths(values, kind="relative", **options)
+
+
+HEIGHTS = np.array([1.7, 0.4, 3.1, 2.0])
+Z = np.array([6.0, 3.0, 17.0, 9.0])
+
+
+def log_std(model):
+    return model.k_std / model.k
+
+
+# --- exact recovery ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", TO_KIND)
+def test_consistent_data_give_k_exactly(kind, method):
+    convert, k = TO_KIND[kind]
+    model = ims.fit(
+        poles(HEIGHTS, Z), ims.ObjectDepths(convert(Z), kind=kind), exact_priors(HEIGHTS),
+        method=method,
+    )  # fmt: skip
+    assert model.k == pytest.approx(k, rel=1e-12)
+    assert model.flags == Flag(0)
+    assert sum(ref.weight for ref in model.references) == pytest.approx(1, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", TO_KIND)
+def test_robust_takes_the_median_of_a_spread_prior_for_its_centre(kind):
+    # log-normal with an arithmetic mean: the median is mean * exp(-s^2 / 2)
+    convert, k = TO_KIND[kind]
+    std = 0.2 * HEIGHTS
+    medians = HEIGHTS * np.exp(-np.log1p((std / HEIGHTS) ** 2) / 2)
+    priors = ims.PriorTable(
+        [
+            ims.ObjectPrior(f"pole {i}", h, s)
+            for i, (h, s) in enumerate(zip(HEIGHTS, std, strict=True))
+        ]
+    )
+    model = ims.fit(poles(medians, Z), ims.ObjectDepths(convert(Z), kind=kind), priors)
+    assert model.k == pytest.approx(k, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", ["mean_ratio", "least_squares"])
+def test_the_papers_methods_take_the_mean_for_its_centre(method):
+    model = ims.fit(
+        poles(HEIGHTS, Z), relative(UNIT * Z), exact_priors(HEIGHTS, std_m=0.3), method=method
+    )
+    assert model.k == pytest.approx(1 / (UNIT * FOCAL), rel=1e-12)
+
+
+def test_disparity_with_doffs_as_inverse_depth_gives_the_baseline():
+    doffs = 31.0
+    disparity = FOCAL * BASELINE / Z - doffs
+    model = ims.fit(
+        poles(HEIGHTS, Z), ims.ObjectDepths(disparity + doffs, kind="inverse"),
+        exact_priors(HEIGHTS),
+    )  # fmt: skip
+    assert model.k == pytest.approx(BASELINE, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", TO_KIND)
+def test_a_constant_map_and_one_object_give_k(kind):
+    convert, k = TO_KIND[kind]
+    depth = ims.DepthMap(np.full((300, 400), convert(6.0)), kind=kind, image_size=SIZE)
+    model = ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]))
+    assert model.k == pytest.approx(k, rel=1e-12)
+    assert model.flags == Flag.SINGLE_REFERENCE
+
+
+@given(
+    heights=st.lists(st.floats(0.05, 30), min_size=1, max_size=6),
+    focal=st.floats(50, 1e4),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=40, deadline=None)
+def test_any_consistent_scene_gives_one_over_the_focal_length(heights, focal, seed):
+    z = np.random.default_rng(seed).uniform(0.5, 80, len(heights))
+    for method in METHODS:
+        model = ims.fit(
+            poles(heights, z, focal), ims.ObjectDepths(z, kind="metric"), exact_priors(heights),
+            method=method,
+        )  # fmt: skip
+        assert model.k == pytest.approx(1 / focal, rel=1e-11)
+
+
+# --- laws --------------------------------------------------------------------------------------
+
+
+def noisy_scene(seed, count=5):
+    """Poles of three labels, 10 % off in depth and size; boxes away from the border."""
+    rng = np.random.default_rng(seed)
+    labels = [f"pole {i}" for i in rng.integers(0, 3, count)]
+    heights = np.exp(rng.normal(0.3, 0.1, count))
+    z = rng.uniform(4, 30, count)
+    detections = [
+        box(label, FOCAL * h / d, left=60.0 * i + 10)
+        for i, (label, h, d) in enumerate(zip(labels, heights, z, strict=True))
+    ]
+    return detections, z * np.exp(rng.normal(0, 0.05, count))
+
+
+def spread_priors(c=1.0):
+    return ims.PriorTable(
+        [
+            ims.ObjectPrior(f"pole {i}", c * m, c * s, mean_std_m=c * t)
+            for i, (m, s, t) in enumerate([(1.3, 0.1, 0.05), (1.35, 0.15, 0.0), (1.4, 0.08, 0.1)])
+        ]
+    )
+
+
+@given(seed=st.integers(0, 2**32 - 1), c=st.floats(1e-3, 1e3), method=st.sampled_from(METHODS))
+@settings(max_examples=40, deadline=None)
+def test_scaling_all_priors_scales_k(seed, c, method):
+    detections, z = noisy_scene(seed)
+    a = ims.fit(detections, relative(z), spread_priors(), method=method)
+    b = ims.fit(detections, relative(z), spread_priors(c), method=method)
+    assert b.k == pytest.approx(c * a.k, rel=1e-9)
+    assert b.k_std == pytest.approx(c * a.k_std, rel=1e-7)
+    assert [ref.reason for ref in a.references] == [ref.reason for ref in b.references]
+
+
+@given(seed=st.integers(0, 2**32 - 1), s=st.floats(1e-3, 1e3), method=st.sampled_from(METHODS))
+@settings(max_examples=40, deadline=None)
+def test_scaling_relative_depth_divides_k(seed, s, method):
+    detections, z = noisy_scene(seed)
+    a = ims.fit(detections, relative(z), spread_priors(), method=method)
+    b = ims.fit(detections, relative(s * z), spread_priors(), method=method)
+    assert b.k == pytest.approx(a.k / s, rel=1e-9)
+    assert log_std(b) == pytest.approx(log_std(a), rel=1e-7)
+
+
+@given(seed=st.integers(0, 2**32 - 1), method=st.sampled_from(METHODS))
+@settings(max_examples=40, deadline=None)
+def test_the_order_of_detections_does_not_matter(seed, method):
+    detections, z = noisy_scene(seed)
+    order = np.random.default_rng(seed + 1).permutation(len(detections))
+    a = ims.fit(detections, relative(z), spread_priors(), method=method)
+    b = ims.fit([detections[i] for i in order], relative(z[order]), spread_priors(), method=method)
+    assert b.k == pytest.approx(a.k, rel=1e-9)
+    assert b.k_std == pytest.approx(a.k_std, rel=1e-7)
+    assert b.flags == a.flags
+    for place, i in enumerate(order):
+        assert b.references[place].k == a.references[i].k
+        assert b.references[place].weight == pytest.approx(a.references[i].weight, abs=1e-7)
+
+
+@given(seed=st.integers(0, 2**32 - 1), r=st.floats(0.1, 10), method=st.sampled_from(METHODS))
+@settings(max_examples=30, deadline=None)
+def test_resizing_the_image_divides_k_and_keeps_sizes(seed, r, method):
+    detections, z = noisy_scene(seed)
+    values = np.full((150, 200), NAN)
+    for i, d in enumerate(z):  # a column of the map for every object
+        values[:, 6 * i + 1 : 6 * i + 5] = d
+    noise = ims.Noise(box_px=0.0, box_rel=0.02)
+
+    def fitted(scale):
+        size = (round(2000 * scale), round(1500 * scale))
+        factor = (size[0] / 2000, size[1] / 1500)
+        boxes = [
+            ims.Detection(d.label, np.array(d.xyxy) * np.array([*factor, *factor]))
+            for d in detections
+        ]
+        depth = ims.DepthMap(values, kind="relative", image_size=size)
+        model = ims.fit(boxes, depth, spread_priors(), method=method, noise=noise)
+        return model, [e.size_m for e in ims.predict(model, boxes, depth)], factor[1]
+
+    a, sizes_a, _ = fitted(1.0)
+    b, sizes_b, factor = fitted(r)
+    used = [d for d, ref in zip(detections, a.references, strict=True) if ref.used]
+    assert used
+    if [ref.reason for ref in a.references] == [ref.reason for ref in b.references]:
+        assert b.k == pytest.approx(a.k / factor, rel=1e-9)
+        np.testing.assert_allclose(sizes_b, sizes_a, rtol=1e-9)
+
+
+@given(seed=st.integers(0, 2**32 - 1), unit=st.floats(1e-3, 1e3))
+@settings(max_examples=30, deadline=None)
+def test_metric_relative_and_inverse_versions_of_one_map_give_equal_sizes(seed, unit):
+    rng = np.random.default_rng(seed)
+    z = np.exp(rng.normal(2, 0.5, (60, 80)).cumsum(axis=1) / 20) + rng.uniform(0, 1, (60, 80))
+    z[rng.uniform(size=z.shape) < 0.2] = NAN
+    corners = rng.uniform(15, 700, (8, 2))
+    spans = rng.uniform(5, 80, (8, 2))
+    detections = [
+        ims.Detection(f"pole {i % 4}", (x, y / 2, x + w, y / 2 + h))
+        for i, ((x, y), (w, h)) in enumerate(zip(corners, spans, strict=True))
+    ]
+    versions = {"metric": z, "relative": unit * z, "inverse": unit / z}
+    sizes, widths = [], []
+    for kind, values in versions.items():
+        depth = ims.DepthMap(values, kind=kind, image_size=(800, 600))
+        model = ims.fit(detections, depth, spread_priors())
+        estimates = ims.predict(model, detections, depth)
+        sizes.append([e.size_m for e in estimates])
+        widths.append([e.std_m for e in estimates])
+    np.testing.assert_allclose(sizes[1:], [sizes[0]] * 2, rtol=1e-9)
+    np.testing.assert_allclose(widths[1:], [widths[0]] * 2, rtol=1e-6)
+
+
+def test_two_identical_references_with_a_certain_mean_are_two_witnesses():
+    priors = ims.PriorTable([ims.ObjectPrior("pole 0", 1.7, 0.1)])
+    one = ims.fit(poles([1.7], [6.0]), relative([6.0]), priors)
+    two = ims.fit(poles([1.7], [6.0]) * 2, relative([6.0, 6.0]), priors)
+    assert two.k_std == pytest.approx(one.k_std / math.sqrt(2), rel=1e-12)
+    assert two.flags == Flag.SINGLE_LABEL
+
+
+def test_two_identical_references_do_not_improve_an_uncertain_mean():
+    priors = ims.PriorTable([ims.ObjectPrior("pole 0", 1.7, 0.0, mean_std_m=0.1)])
+    options = {"noise": ims.Noise(box_px=0.0, depth_rel=0.0)}
+    one = ims.fit(poles([1.7], [6.0]), relative([6.0]), priors, **options)
+    two = ims.fit(poles([1.7], [6.0]) * 2, relative([6.0, 6.0]), priors, **options)
+    assert two.k_std == pytest.approx(one.k_std, rel=1e-6)
+    assert log_std(two) == pytest.approx(0.1 / 1.7, rel=1e-6)
+
+
+def test_ten_references_of_one_label_are_not_ten_witnesses():
+    prior = ims.ObjectPrior("pole 0", 1.7, 0.15, mean_std_m=0.12)
+    noise = ims.Noise(box_px=0.0, box_rel=0.03, depth_rel=0.04)
+    model = ims.fit(
+        poles([1.7], [6.0]) * 10, relative([6.0] * 10), ims.PriorTable([prior]), noise=noise
+    )
+    spread = math.log(1 + (0.15 / 1.7) ** 2)
+    total_weight = 10 / (spread + 0.03**2 + 0.04**2)
+    assert log_std(model) ** -2 == pytest.approx(
+        1 / (1 / total_weight + (0.12 / 1.7) ** 2), rel=1e-9
+    )
+
+
+def test_aliases_of_one_label_share_its_uncertain_mean():
+    prior = ims.ObjectPrior("pole 0", 1.7, 0.0, mean_std_m=0.1, aliases=("post",))
+    height = FOCAL * 1.7 / 6.0
+    model = ims.fit(
+        [box("pole 0", height), box("POST", height)], relative([6.0, 6.0]),
+        ims.PriorTable([prior]), noise=ims.Noise(box_px=0.0, depth_rel=0.0),
+    )  # fmt: skip
+    assert log_std(model) == pytest.approx(0.1 / 1.7, rel=1e-6)
+    assert Flag.SINGLE_LABEL in model.flags
+
+
+def test_a_mixture_of_rows_is_one_prior_with_its_moments():
+    rows = [
+        ims.ObjectPrior("pole 0", 1.7, 0.1, share=0.8),
+        ims.ObjectPrior("pole 0", 1.2, 0.2, share=0.2),
+    ]
+    model = ims.fit(poles([1.7], [6.0]), relative([6.0]), ims.PriorTable(rows))
+    draws = np.random.default_rng(0)
+    sizes = np.r_[draws.normal(1.7, 0.1, 800_000), draws.normal(1.2, 0.2, 200_000)]
+    assert model.references[0].prior_m == pytest.approx(sizes.mean(), rel=1e-3)
+    assert model.references[0].prior_std_m == pytest.approx(sizes.std(), rel=3e-3)
+
+
+def test_a_single_reference_carries_its_prior_box_and_depth_errors():
+    model = ims.fit(
+        poles([1.7], [6.0]), relative([6.0], rel_std=0.03), exact_priors([1.7], std_m=0.2),
+        noise=ims.Noise(box_px=2.0, box_rel=0.01),
+    )  # fmt: skip
+    pixels = FOCAL * 1.7 / 6.0
+    variance = math.log(1 + (0.2 / 1.7) ** 2) + (2 / pixels) ** 2 + 0.01**2 + 0.03**2
+    assert log_std(model) == pytest.approx(math.sqrt(variance), rel=1e-12)
+
+
+def test_unknown_depth_noise_counts_as_five_percent_and_told_noise_as_told():
+    def variance(noise, rel_std=None):
+        model = ims.fit(
+            poles([1.7], [6.0]), relative([6.0], rel_std=rel_std), exact_priors([1.7]), noise=noise
+        )
+        return log_std(model) ** 2
+
+    assert variance(ims.Noise(box_px=0.0)) == pytest.approx(0.05**2, rel=1e-9)
+    assert variance(ims.Noise(box_px=0.0, depth_rel=0.2)) == pytest.approx(0.2**2, rel=1e-9)
+    assert variance(ims.Noise(box_px=0.0), rel_std=0.1) == pytest.approx(0.1**2, rel=1e-9)
+
+
+# --- z-scores and joint sizes against dense algebra ----------------------------------------------
+
+
+def test_z_scores_are_leave_one_out_residuals_of_the_dense_gaussian():
+    # residuals of a thousandth of a standard deviation: robust weights are 1 to 1e-7
+    rng = np.random.default_rng(2)
+    labels = [0, 0, 0, 1, 1, 2]
+    means, stds, taus = [1.7, 0.9, 2.4], [0.1, 0.06, 0.2], [0.05, 0.04, 0.1]
+    priors = ims.PriorTable(
+        [
+            ims.ObjectPrior(f"pole {i}", m, s, mean_std_m=t)
+            for i, (m, s, t) in enumerate(zip(means, stds, taus, strict=True))
+        ]
+    )
+    mean, std, tau = (np.array(column)[labels] for column in (means, stds, taus))
+    spread = np.log1p((std / mean) ** 2)
+    residual = 1e-3 * rng.normal(size=6) * 0.08
+    z = rng.uniform(5, 20, 6)
+    pixels = FOCAL * mean * np.exp(-spread / 2 - residual) / z
+    model = ims.fit(
+        [box(f"pole {i}", p) for i, p in zip(labels, pixels, strict=True)],
+        relative(z, rel_std=0.04), priors, noise=ims.Noise(box_px=1.5),
+    )  # fmt: skip
+    y = residual - math.log(FOCAL)
+    same = np.equal.outer(labels, labels)
+    covariance = np.diag(spread + (1.5 / pixels) ** 2 + 0.04**2)
+    covariance += same * np.outer(tau / mean, tau / mean)
+    expected = []
+    for i in range(6):
+        others = np.arange(6) != i
+        inverse = np.linalg.inv(covariance[np.ix_(others, others)])
+        log_k_var = 1 / inverse.sum()
+        log_k = log_k_var * inverse.sum(axis=0) @ y[others]
+        to_i = covariance[i, others] @ inverse  # universal kriging of y_i
+        predicted = log_k + to_i @ (y[others] - log_k)
+        variance = covariance[i, i] - to_i @ covariance[i, others]
+        variance += (1 - to_i.sum()) ** 2 * log_k_var
+        expected.append((y[i] - predicted) / math.sqrt(variance))
+    z_scores = [ref.z_score for ref in model.references]
+    np.testing.assert_allclose(z_scores, expected, rtol=1e-5, atol=1e-9)
+
+
+def test_a_single_reference_has_no_z_score():
+    model = ims.fit(poles([1.7], [6.0]), relative([6.0]), exact_priors([1.7]))
+    assert math.isnan(model.references[0].z_score)
+
+
+# --- robustness --------------------------------------------------------------------------------
+
+
+def with_outlier(factor, count, seed=0, **options):
+    rng = np.random.default_rng(seed)
+    heights, z = rng.uniform(1, 3, count), rng.uniform(5, 20, count)
+    priors = exact_priors(heights, std_m=0.05)
+    seen = heights * np.exp(rng.normal(0, 0.01, count))
+    clean = ims.fit(poles(seen, z)[1:], relative(z[1:]), priors, **options)
+    seen[0] *= factor
+    return ims.fit(poles(seen, z), relative(z), priors, **options), clean
+
+
+@pytest.mark.parametrize("count", [3, 5, 8])
+@pytest.mark.parametrize("factor", [0.02, 0.4, 2.5, 40.0])
+def test_a_gross_outlier_among_three_or_more_is_rejected(factor, count):
+    model, clean = with_outlier(factor, count)
+    assert model.k == pytest.approx(clean.k, rel=0.01)
+    assert [ref.reason for ref in model.references] == ["outlier"] + [""] * (count - 1)
+    assert Flag.OUTLIERS in model.flags
+    assert Flag.OUTLIERS not in clean.flags
+    assert model.references[0].weight == model.references[0].precision == 0
+    assert abs(model.references[0].z_score) > 4
+
+
+def test_two_bad_references_of_five_are_rejected():
+    heights, z = [1.7, 1.2, 2.2, 3.0, 0.8], [6.0, 9.0, 12.0, 15.0, 5.0]
+    seen = [1.7, 1.2, 2.2, 3.0 * 0.4, 0.8 * 2.2]
+    model = ims.fit(poles(seen, z), relative(z), exact_priors(heights, std_m=0.05))
+    assert model.k == pytest.approx(1 / FOCAL, rel=0.01)
+    assert [ref.used for ref in model.references] == [True, True, True, False, False]
+
+
+@pytest.mark.parametrize("factor", [1.5, 2.0, 5.0])
+@pytest.mark.parametrize("stds", [(0.05, 0.05), (0.02, 0.05), (0.03, 0.1)], ids=str)
+def test_two_references_that_contradict_each_other_give_an_interval_that_holds_both(factor, stds):
+    priors = ims.PriorTable([ims.ObjectPrior(f"pole {i}", 1.0, s) for i, s in enumerate(stds)])
+    detections = poles([1.0, factor], [6.0, 6.0])
+    model = ims.fit(detections, relative([6.0, 6.0]), priors)
+    assert Flag.INCONSISTENT in model.flags
+    for ref in model.references:
+        assert abs(math.log(ref.k / model.k)) <= Z90 * log_std(model)
+
+
+def test_two_contradicting_references_are_treated_alike():
+    priors = exact_priors([1.0, 1.0], std_m=0.05)
+    a, b = poles([1.0, 2.0], [6.0, 6.0])
+    model = ims.fit([a, b], relative([6.0, 6.0]), priors)
+    swapped = ims.fit([b, a], relative([6.0, 6.0]), priors)
+    assert swapped.k == pytest.approx(model.k, rel=1e-12)
+    assert swapped.k_std == pytest.approx(model.k_std, rel=1e-12)
+    assert swapped.flags == model.flags
+    assert [ref.used for ref in model.references] == [True, True]
+
+
+@pytest.mark.parametrize("method", ["mean_ratio", "least_squares"])
+def test_the_papers_methods_reject_nothing(method):
+    heights, z = [1.7, 1.2, 2.2], [6.0, 9.0, 12.0]
+    model = ims.fit(poles([1.7, 1.2, 22.0], z), relative(z), exact_priors(heights), method=method)
+    x = np.array([FOCAL * 1.7, FOCAL * 1.2, FOCAL * 22.0])
+    expected = {
+        "mean_ratio": np.mean(np.array(heights) / x),
+        "least_squares": x @ heights / (x @ x),
+    }
+    assert model.k == pytest.approx(expected[method], rel=1e-12)
+    assert all(ref.used for ref in model.references)
+    assert Flag.OUTLIERS not in model.flags
+    assert Flag.INCONSISTENT in model.flags
+
+
+# --- who is a reference --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "xyxy",
+    [
+        pytest.param((0, 100, 60, 300), id="left border"),
+        pytest.param((300, 0, 360, 200), id="top border"),
+        pytest.param((1940, 100, 2000, 300), id="right border"),
+        pytest.param((300, 1300, 360, 1500), id="bottom border"),
+        pytest.param((1940, 100, 1999, 300), id="right border, last pixel inclusive"),
+    ],
+)
+def test_boxes_cut_by_the_border_are_never_references(xyxy, method):
+    detections = [*poles([1.7], [6.0]), ims.Detection("pole 1", xyxy)]
+    model = ims.fit(
+        detections, relative([6.0, 6.0], image_size=SIZE), exact_priors([1.7, 9.0]), method=method
+    )
+    assert [ref.reason for ref in model.references] == ["", "partial"]
+    assert model.k == pytest.approx(1 / FOCAL, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_detections_marked_partial_are_never_references(method):
+    detections = [*poles([1.7], [6.0]), box("pole 1", 100.0, partial=True)]
+    model = ims.fit(detections, relative([6.0, 6.0]), exact_priors([1.7, 9.0]), method=method)
+    assert [ref.reason for ref in model.references] == ["", "partial"]
+    assert model.k == pytest.approx(1 / FOCAL, rel=1e-12)
+
+
+def test_without_an_image_size_borders_are_not_tested():
+    model = ims.fit(
+        [ims.Detection("pole 0", (0, 0, 60, 200))], relative([6.0]), exact_priors([1.7])
+    )
+    assert model.references[0].used
+
+
+def test_every_detection_has_one_reference_with_its_reason():
+    detections = [
+        *poles([1.7, 1.0], [6.0, 6.0]),
+        box("thing", 30.0),
+        box("pole 0", 50.0, partial=True),
+    ]
+    model = ims.fit(detections, relative([6.0, NAN, 6.0, 6.0]), exact_priors([1.7, 1.0]))
+    assert [ref.label for ref in model.references] == [d.label for d in detections]
+    assert [ref.reason for ref in model.references] == ["", "no depth", "no prior", "partial"]
+    assert [ref.used for ref in model.references] == [True, False, False, False]
+    assert math.isnan(model.references[1].k)
+    assert math.isnan(model.references[2].prior_m)
+
+
+def test_an_object_without_prior_or_depth_changes_nothing():
+    alone = ims.fit(poles([1.7], [6.0]), relative([6.0]), exact_priors([1.7]))
+    more = ims.fit(
+        [*poles([1.7], [6.0]), box("thing", 30.0), box("pole 0", 700.0)],
+        relative([6.0, 4.0, NAN]), exact_priors([1.7]),
+    )  # fmt: skip
+    assert (more.k, more.k_std) == (alone.k, alone.k_std)
+
+
+def test_a_box_of_two_pixels_is_used_with_little_weight():
+    z = [6.0, 600.0]
+    model = ims.fit(poles([1.7, 1.5], z), relative(z), exact_priors([1.7, 1.5]))
+    tall, tiny = model.references
+    assert tiny.pixels == pytest.approx(2.0)
+    assert tiny.used
+    variance = [(1 / 226.6666666666667) ** 2 + 0.05**2, (1 / 2.0) ** 2 + 0.05**2]
+    assert tiny.weight / tall.weight == pytest.approx(variance[0] / variance[1], rel=1e-6)
+    assert tiny.weight < 0.02
+
+
+def test_duplicate_detections_are_lawful():
+    model = ims.fit(poles([1.7], [6.0]) * 2, relative([6.0, 6.0]), exact_priors([1.7], 0.1))
+    assert model.k == pytest.approx(1 / FOCAL, rel=0.01)
+    assert model.references[0] == model.references[1]
+
+
+# --- one detection, one witness ------------------------------------------------------------------
+
+
+def sign(height_std, width_std):
+    return ims.PriorTable(
+        [
+            ims.ObjectPrior("board x", 1.0, height_std),
+            ims.ObjectPrior("board x", 10.0, width_std, axis="width"),
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("height_std", "width_std", "axis"),
+    [
+        pytest.param(0.01, 1.0, "height", id="height known better"),
+        pytest.param(0.2, 0.1, "width", id="width known better"),
+        # 5 % prior and 5 % box add up to 7.1 %, 9 % prior and 0.5 % box to 9.01 %
+        pytest.param(0.05, 0.9, "height", id="errors add in quadrature"),
+    ],
+)
+def test_a_detection_is_a_witness_through_its_axis_of_smaller_error(height_std, width_std, axis):
+    model = ims.fit([box("board x", 20.0, 200.0)], relative([6.0]), sign(height_std, width_std))
+    assert model.references[0].axis == axis
+    assert len(model.references) == 1
+    size, pixels = (1.0, 20.0) if axis == "height" else (10.0, 200.0)
+    assert model.k == pytest.approx(size / (pixels * 6.0), rel=0.03)
+
+
+def test_a_diameter_is_the_longer_side_of_the_box():
+    priors = ims.PriorTable([ims.ObjectPrior("disc x", 0.6, 0.0, axis="diameter")])
+    for height, width in ((60.0, 25.0), (25.0, 60.0)):
+        model = ims.fit([box("disc x", height, width)], relative([4.0]), priors)
+        assert model.k == pytest.approx(0.6 / (60 * 4), rel=1e-12)
+
+
+# --- plausibility --------------------------------------------------------------------------------
+
+INDOORS = np.array([1.5, 2.0, 3.0, 4.0])
+
+
+@pytest.mark.parametrize(
+    "depth",
+    [
+        pytest.param(1000 * INDOORS, id="millimetres"),
+        pytest.param(100 * INDOORS, id="centimetres"),
+        pytest.param(256 * INDOORS, id="raw uint16 of KITTI"),
+        pytest.param(1200 * 0.2 / INDOORS, id="disparity of a small stereo rig"),
+    ],
+)
+def test_metric_depth_of_a_wrong_unit_is_flagged(depth):
+    model = ims.fit(
+        poles([0.5, 0.7, 0.9, 1.1], INDOORS, focal=1200.0),
+        ims.ObjectDepths(depth, kind="metric", image_size=SIZE),
+        exact_priors([0.5, 0.7, 0.9, 1.1], std_m=0.05),
+    )
+    assert Flag.IMPLAUSIBLE_FOCAL in model.flags
+
+
+def test_priors_in_centimetres_are_flagged():
+    model = ims.fit(
+        poles([0.5, 0.7], [2.0, 3.0]),
+        ims.ObjectDepths([2.0, 3.0], kind="metric", image_size=SIZE),
+        exact_priors([50.0, 70.0], std_m=5.0),
+    )
+    assert Flag.IMPLAUSIBLE_FOCAL in model.flags
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_kitti_like_disparity_taken_as_metric_depth_is_flagged(seed):
+    # at 20 m the disparity is about 20 px: the focal length alone cannot give it away
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(6, 40, 10)
+    heights = rng.uniform(1.4, 1.9, 10)
+    model = ims.fit(
+        poles(heights, z, focal=721.5),
+        ims.ObjectDepths(721.5 * 0.54 / z, kind="metric", image_size=SIZE),
+        exact_priors(heights, std_m=0.1),
+    )
+    assert model.flags & (Flag.IMPLAUSIBLE_FOCAL | Flag.INCONSISTENT)
+
+
+@pytest.mark.parametrize(
+    ("focal", "implausible"),
+    [(0.25, True), (0.35, False), (1.0, False), (5.5, False), (6.5, True)],
+)
+def test_plausible_focal_lengths_are_a_third_to_six_image_sides(focal, implausible):
+    model = ims.fit(
+        poles([0.2, 0.3], [2.0, 3.0], focal=focal * max(SIZE)),
+        ims.ObjectDepths([2.0, 3.0], kind="metric", image_size=(2000, 1500)),
+        exact_priors([0.2, 0.3]),
+    )
+    assert (Flag.IMPLAUSIBLE_FOCAL in model.flags) is implausible
+
+
+def test_without_image_size_or_metric_depth_no_focal_length_is_judged():
+    heights, z = [0.5, 0.7], np.array([2000.0, 3000.0])
+    detections, priors = poles(heights, z / 1000), exact_priors(heights)
+    for depth in (
+        ims.ObjectDepths(z, kind="metric"),
+        relative(z, image_size=SIZE),
+        ims.ObjectDepths(1 / z, kind="inverse", image_size=SIZE),
+    ):
+        assert ims.fit(detections, depth, priors).flags == Flag(0)
+
+
+# --- the camera as a witness ---------------------------------------------------------------------
+
+
+def camera(focal=FOCAL, rel_std=0.0, **options):
+    return ims.Camera(focal, focal_rel_std=rel_std, **options)
+
+
+def metric_map(z, **options):
+    return ims.DepthMap(np.full((30, 40), z), kind="metric", image_size=SIZE, **options)
+
+
+@pytest.mark.parametrize("scale_rel_std", [0.0, 0.15])
+def test_camera_and_references_meet_at_their_precision_weighted_mean(scale_rel_std):
+    # a discrepancy of 1e-5: robust weights are 1 to 1e-8
+    discrepancy, focal_rel_std, spread = 1e-5, 0.02, 0.1
+    model = ims.fit(
+        poles([1.7], [6.0]), metric_map(6.0, scale_rel_std=scale_rel_std),
+        ims.PriorTable([ims.ObjectPrior("pole 0", 1.7, 0.0, mean_std_m=1.7 * spread)]),
+        camera=camera(FOCAL * math.exp(-discrepancy), focal_rel_std),
+        noise=ims.Noise(box_px=0.0, depth_rel=0.0),
+    )  # fmt: skip
+    of_camera = 1 / (focal_rel_std**2 + scale_rel_std**2)
+    of_pole = 1 / spread**2
+    expected = discrepancy * of_camera / (of_camera + of_pole)
+    assert math.log(model.k * FOCAL) == pytest.approx(expected, rel=1e-4)
+    assert log_std(model) ** -2 == pytest.approx(of_camera + of_pole, rel=1e-6)
+    assert model.references[0].weight == pytest.approx(of_pole / (of_camera + of_pole), rel=1e-6)
+
+
+@pytest.mark.parametrize(("focal_std", "scale_std"), [(0.0, 0.0), (0.04, 0.0), (0.04, 0.15)])
+def test_a_camera_alone_gives_k_with_its_own_and_the_maps_scale_error(focal_std, scale_std):
+    model = ims.fit(
+        [box("thing", 80.0)], metric_map(6.0, scale_rel_std=scale_std), exact_priors([1.7]),
+        camera=camera(FOCAL, focal_std),
+    )  # fmt: skip
+    assert model.k == pytest.approx(1 / FOCAL, rel=1e-12)
+    assert log_std(model) == pytest.approx(math.hypot(focal_std, scale_std), rel=1e-9, abs=2e-6)
+    assert math.isnan(model.mean_depth)
+    assert model.flags == Flag(0)
+
+
+def test_a_camera_alone_needs_no_detection():
+    model = ims.fit([], metric_map(6.0), camera=camera())
+    assert model.k == pytest.approx(1 / FOCAL, rel=1e-12)
+    assert model.references == ()
+
+
+@pytest.mark.parametrize("kind", ["relative", "inverse"])
+def test_a_camera_says_nothing_of_k_where_depth_has_no_scale(kind):
+    depth = ims.ObjectDepths([6.0], kind=kind)
+    told = ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]), camera=camera(5.0))
+    untold = ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]))
+    assert (told.k, told.k_std, told.flags) == (untold.k, untold.k_std, untold.flags)
+    with pytest.raises(ims.FitError, match="at least one reference"):
+        ims.fit([], ims.ObjectDepths([], kind=kind), camera=camera())
+
+
+@pytest.mark.parametrize("method", ["mean_ratio", "least_squares"])
+def test_the_papers_methods_take_no_camera_as_witness(method):
+    depth = ims.ObjectDepths([6.0], kind="metric")
+    model = ims.fit(
+        poles([1.7], [6.0]), depth, exact_priors([1.7]), camera=camera(5.0), method=method
+    )
+    assert model.k == pytest.approx(1 / FOCAL, rel=1e-12)
+
+
+@pytest.mark.parametrize("rel_std", [0.0, 0.01, 0.02, 0.04])
+@pytest.mark.parametrize("factor", [0.7, 1.3, 1.5, 3.0])
+def test_a_stale_focal_length_contradicting_five_references_is_flagged(rel_std, factor):
+    # five labels, each within 6 %: together 2.6 %, so that 1.3 is 5 to 10 standard errors away
+    heights, z = [1.7, 1.6, 1.8, 1.5, 2.0], [8.0, 10.0, 12.0, 15.0, 20.0]
+    model = ims.fit(
+        poles(heights, z), ims.ObjectDepths(z, kind="metric"), exact_priors(heights, std_m=0.05),
+        camera=camera(factor * FOCAL, rel_std),
+    )  # fmt: skip
+    assert Flag.CAMERA_CONFLICT in model.flags
+
+
+@pytest.mark.parametrize("rel_std", [0.0, 0.02, 0.04])
+def test_an_agreeing_focal_length_raises_no_conflict(rel_std):
+    heights, z = [1.7, 1.6, 1.8], [8.0, 10.0, 12.0]
+    model = ims.fit(
+        poles(heights, z), ims.ObjectDepths(z, kind="metric"), exact_priors(heights, std_m=0.05),
+        camera=camera(1.02 * FOCAL, rel_std),
+    )  # fmt: skip
+    assert model.flags == Flag(0)
+
+
+# --- hostile input -------------------------------------------------------------------------------
+
+ONE = poles([1.7], [6.0])
+ONE_DEPTH = relative([6.0])
+ONE_PRIOR = exact_priors([1.7])
+
+
+@pytest.mark.parametrize(
+    ("detections", "depth", "seen"),
+    [
+        pytest.param([], relative([]), "got no detection", id="empty list"),
+        pytest.param(
+            [box("thing", 50.0)], ONE_DEPTH, r"got thing \(no prior\)", id="no prior at all"
+        ),
+        pytest.param(
+            [box("pole 0", 50.0, partial=True)] * 2, relative([6.0, 6.0]),
+            r"got pole 0 1 \(partial\), pole 0 2 \(partial\)", id="all partial",
+        ),
+        pytest.param(ONE, relative([NAN]), r"got pole 0 \(no depth\)", id="all depths NaN"),
+        pytest.param(
+            [box("thing", 50.0)] * 7, relative([6.0] * 7), "and 2 more", id="long list is cut"
+        ),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("method", METHODS)
+def test_without_a_reference_the_error_says_what_was_seen(detections, depth, seen, method):
+    with pytest.raises(ims.FitError, match=seen):
+        ims.fit(detections, depth, ONE_PRIOR, method=method)
+    with pytest.raises(ims.FitError, match=r"PriorTable\.default\(\)\.with_prior\("):
+        ims.fit(detections, depth, ONE_PRIOR, method=method)
+
+
+def test_a_map_without_depth_on_any_object_gives_no_reference():
+    values = np.full((30, 40), NAN)
+    values[-1, -1] = 5.0
+    depth = ims.DepthMap(values, kind="relative", image_size=SIZE)
+    with pytest.raises(ims.FitError, match=r"pole 0 \(no depth\)"):
+        ims.fit(ONE, depth, ONE_PRIOR)
+
+
+@pytest.mark.parametrize(
+    "raw", [[6.0], (6.0,), np.array([6.0]), None], ids=["list", "tuple", "array", "None"]
+)
+def test_raw_depth_is_refused_with_the_remedy(raw):
+    with pytest.raises(TypeError, match=r"ObjectDepths\(values, kind=\.\.\.\)"):
+        ims.fit(ONE, raw, ONE_PRIOR)
+
+
+@pytest.mark.parametrize(
+    ("depth", "message"),
+    [
+        pytest.param(
+            ims.DepthMap(np.full((30, 40), 6.0), kind="affine_inverse", image_size=SIZE),
+            '"metric", "relative" or "inverse".*got "affine_inverse"', id="affine map",
+        ),
+        pytest.param(
+            ims.ObjectDepths([6.0], kind="affine_inverse"), "unknown shift", id="affine objects"
+        ),
+        pytest.param(ims.GroundPlane(image_size=SIZE), "got a GroundPlane", id="ground plane"),
+        pytest.param(relative([6.0, 7.0]), "one value per detection, 1; got 2", id="too many"),
+        pytest.param(relative([]), "one value per detection, 1; got 0", id="too few"),
+    ],
+)  # fmt: skip
+def test_depth_that_cannot_be_fitted_is_refused(depth, message):
+    with pytest.raises(ValueError, match=message):
+        ims.fit(ONE, depth, ONE_PRIOR)
+
+
+@pytest.mark.parametrize(
+    "depth",
+    [
+        pytest.param(relative([6.0, 6.0], image_size=(100, 100)), id="ObjectDepths"),
+        pytest.param(ims.DepthMap(np.full((100, 100), 6.0), kind="relative"), id="DepthMap"),
+    ],
+)
+def test_a_box_outside_the_image_names_the_remedy(depth):
+    detections = [box("pole 0", 40.0), box("pole 0", 400.0)]
+    with pytest.raises(ValueError, match=r"100 x 100 px.*at index 1.*image_size=\(width, height\)"):
+        ims.fit(detections, depth, ONE_PRIOR)
+
+
+def test_a_mask_of_another_shape_is_refused():
+    detection = box("pole 0", 40.0, mask=np.ones((90, 100), dtype=bool))
+    depth = ims.DepthMap(np.full((100, 100), 6.0), kind="relative")
+    with pytest.raises(ValueError, match=r"`mask`.*\(100, 100\); got \(90, 100\) at index 0"):
+        ims.fit([detection], depth, ONE_PRIOR)
+
+
+@pytest.mark.parametrize("method", ["ransac", "posterior", "", None, 3], ids=repr)
+def test_an_unknown_method_is_refused_with_the_choices(method):
+    # "posterior" is named in the design and comes later
+    with pytest.raises(ValueError, match=r'`method`.*"mean_ratio", "least_squares", "robust"'):
+        ims.fit(ONE, ONE_DEPTH, ONE_PRIOR, method=method)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"priors": [ims.ObjectPrior("pole 0", 1.7, 0.1)]}, "`priors` must be a PriorTable; got l"),
+        ({"camera": 800.0}, "`camera` must be a Camera; got float"),
+        ({"noise": None}, "`noise` must be a Noise; got NoneType"),
+        ({"noise": 0.1}, "`noise` must be a Noise; got float"),
+    ],
+    ids=["priors as a list", "camera as a number", "noise None", "noise as a number"],
+)
+def test_options_of_a_wrong_type_are_refused(options, message):
+    with pytest.raises(TypeError, match=message):
+        ims.fit(ONE, ONE_DEPTH, **({"priors": ONE_PRIOR} | options))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"ground": ims.GroundPlane(image_size=SIZE)}, "`ground` must be None"),
+        ({"camera": camera(pitch_deg=10.0)}, r"`camera\.pitch_deg` must be 0.*got 10\.0 \+- 0\.0"),
+        ({"camera": camera(pitch_std_deg=1.0)}, r"`camera\.pitch_deg` must be 0.*\+- 1\.0"),
+        (
+            {"camera": camera(image_size=(640, 480))},
+            r"`camera\.image_size`.*\(2000, 1500\); got \(640, 480\)",
+        ),
+    ],
+    ids=["ground", "pitch", "uncertain pitch", "camera of another picture"],
+)
+def test_options_that_break_their_law_are_refused(options, message):
+    depth = relative([6.0], image_size=SIZE)
+    with pytest.raises(ValueError, match=message):
+        ims.fit(ONE, depth, ONE_PRIOR, **options)
+
+
+@pytest.mark.parametrize("item", [("pole 0", (1, 2, 3, 4)), None, "pole 0"], ids=repr)
+def test_something_that_is_no_detection_is_named_with_its_place(item):
+    with pytest.raises(TypeError, match=r"`detections` must hold Detection objects.*at index 1"):
+        ims.fit([*ONE, item], relative([6.0, 6.0]), ONE_PRIOR)
+
+
+@pytest.mark.parametrize("magnitude", [1e-9, 1e-3, 1e6, 1e12])
+def test_extreme_units_of_depth_do_no_harm(magnitude):
+    model = ims.fit(poles(HEIGHTS, Z), relative(magnitude * Z), exact_priors(HEIGHTS, std_m=0.02))
+    assert model.k == pytest.approx(1 / (magnitude * FOCAL), rel=1e-2)
+    assert 0 < log_std(model) < 0.1
+
+
+def test_the_default_table_is_the_shipped_one():
+    model = ims.fit([box("Credit_Card", 54.0, 85.0)], relative([1.0]))
+    assert model.priors == ims.PriorTable.default()
+    assert model.references[0].used
