@@ -55,9 +55,7 @@ def row_id(row):
 
 def select(label, axis, region="world"):
     return [
-        row
-        for row in ROWS
-        if (row["label"], row["axis"], row["region"]) == (label, axis, region)
+        row for row in ROWS if (row["label"], row["axis"], row["region"]) == (label, axis, region)
     ]
 
 

@@ -35,11 +35,10 @@ def require(module: str, *, extra: str, purpose: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
-        package = module.partition(".")[0]
-        if (error.name or "").partition(".")[0] != package:
-            raise
+        if not f"{module}.".startswith(f"{error.name}."):
+            raise  # the package is there, and something that it needs is not
         msg = (
-            f"{purpose} needs the optional package '{package}'; "
+            f"{purpose} needs the optional package '{error.name}'; "
             f"install it with `pip install 'imgscale[{extra}]'`."
         )
         raise MissingDependencyError(msg) from error
