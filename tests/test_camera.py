@@ -19,11 +19,16 @@ def write_photo(path, size, *, f35=None, orientation=None, taken=None):
     exif = Image.Exif()
     if orientation is not None:
         exif[ExifTags.Base.Orientation] = orientation
-    record = exif.get_ifd(ExifTags.IFD.Exif)
+    record = {}
     if f35 is not None:
         record[ExifTags.Base.FocalLengthIn35mmFilm] = f35
     if taken is not None:
-        record[ExifTags.Base.ExifImageWidth], record[ExifTags.Base.ExifImageHeight] = taken
+        tags = (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)
+        record.update(
+            {tag: side for tag, side in zip(tags, taken, strict=True) if side is not None}
+        )
+    if record:
+        exif[ExifTags.IFD.Exif] = record
     Image.new("RGB", size, "grey").save(path, exif=exif)
     return path
 
@@ -208,7 +213,12 @@ def test_rounding_of_a_thumbnails_size_is_no_crop(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "size", [pytest.param((400, 225), id="16:9"), pytest.param((300, 300), id="square")]
+    "size",
+    [
+        pytest.param((400, 225), id="16:9"),
+        pytest.param((300, 300), id="square"),
+        pytest.param((412, 300), id="3 % of the height gone"),
+    ],
 )
 def test_cropped_photo_is_refused_with_both_sizes(tmp_path, size):
     photo = write_photo(tmp_path / "a.jpg", size, f35=26, taken=(4000, 3000))
@@ -218,6 +228,12 @@ def test_cropped_photo_is_refused_with_both_sizes(tmp_path, size):
     )
     with pytest.raises(ValueError, match=law):
         Camera.from_exif(photo)
+
+
+@pytest.mark.parametrize("taken", [(4000, None), (None, 3000), (0, 0), (4000, 0)])
+def test_record_without_both_sides_of_the_picture_cannot_tell_a_crop(tmp_path, taken):
+    photo = write_photo(tmp_path / "a.jpg", (300, 300), f35=26, taken=taken)
+    assert Camera.from_exif(photo).image_size == (300, 300)
 
 
 @pytest.mark.parametrize("f35", [pytest.param(None, id="missing"), 0])

@@ -116,11 +116,6 @@ def test_kind_must_be_named():
         DepthMap([[1.0]])
 
 
-def test_kind_is_not_positional():
-    with pytest.raises(TypeError, match="positional"):
-        DepthMap([[1.0]], "metric")
-
-
 # --- DepthMap: refusals ---
 
 
@@ -527,6 +522,27 @@ def test_later_edits_of_the_callers_depths_do_not_show():
         depth.values[0] = 5.0
 
 
+def test_object_depths_are_compared_by_identity_and_can_be_keys():
+    one, other = (ObjectDepths([1.0, 2.0], kind="metric") for _ in range(2))
+    assert one != other
+    assert len({one, other}) == 2
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        pytest.param(lambda: ObjectDepths([1.0], "metric"), id="kind of depths"),
+        pytest.param(lambda: DepthMap([[1.0]], "metric"), id="kind of a map"),
+        pytest.param(lambda: GroundPlane((640, 480)), id="image size of a plane"),
+        pytest.param(lambda: Frame((), ObjectDepths([], kind="metric"), None), id="camera"),
+        pytest.param(lambda: DepthMap.from_disparity([[9.0]], 700.0, 0.5), id="stereo numbers"),
+    ],
+)
+def test_options_must_be_named(build):
+    with pytest.raises(TypeError, match="positional"):
+        build()
+
+
 def test_object_depths_cannot_be_set():
     depth = ObjectDepths([1.0], kind="metric")
     with pytest.raises(attrs.exceptions.FrozenInstanceError):
@@ -724,6 +740,12 @@ def test_frame_takes_every_form_of_depth(depth):
     frame = Frame((), depth)
     assert frame.depth is depth
     assert (frame.camera, frame.name) == (None, "")
+
+
+def test_frames_are_compared_by_identity_and_can_be_keys():
+    depth = ObjectDepths([], kind="metric")
+    assert Frame((), depth) != Frame((), depth)
+    assert len({Frame((), depth), Frame((), depth)}) == 2
 
 
 def test_frame_fields_cannot_be_set():

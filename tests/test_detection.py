@@ -136,6 +136,17 @@ def test_defaults_are_full_score_no_mask_whole_object_no_track():
     assert (detection.partial, detection.track_id) == (False, None)
 
 
+@pytest.mark.parametrize("build", [Detection.from_xywh, Detection.from_min_max_rc])
+def test_every_constructor_has_the_same_defaults(build):
+    assert build("car", (1, 2, 5, 8)) == build(
+        "car", (1, 2, 5, 8), score=1.0, mask=None, partial=False, track_id=None
+    )
+    from_ratios = Detection.from_ratios(
+        "car", left=0.0, top=0.0, width=0.5, height=0.5, image_size=(8, 8)
+    )
+    assert from_ratios == Detection("car", (0, 0, 4, 4))
+
+
 def test_only_label_and_box_may_be_given_by_position():
     with pytest.raises(TypeError, match="positional"):
         Detection("car", (0, 0, 1, 1), 0.9)
@@ -391,7 +402,7 @@ def test_inverted_min_max_rc_is_refused(bbox):
 
 @pytest.mark.parametrize("name", ["left", "top", "width", "height"])
 @pytest.mark.parametrize(
-    "value", [pytest.param(310.0, id="pixels"), -0.2, math.nan, math.inf, -math.inf]
+    "value", [pytest.param(310.0, id="pixels"), -0.06, 1.06, math.nan, math.inf, -math.inf]
 )
 def test_ratio_outside_zero_to_one_is_refused_by_name_and_points_to_pixel_boxes(name, value):
     ratios = {"left": 0.1, "top": 0.1, "width": 0.5, "height": 0.5, name: value}
@@ -511,6 +522,12 @@ def test_mask_rows_are_y_and_columns_are_x():
 def test_mask_under_a_box_that_begins_before_the_image_is_found():
     mask = rectangle_mask((10, 10), slice(0, 1), slice(0, 1))
     assert Detection("car", (-3, -2, 1, 1), mask=mask).mask.sum() == 1
+
+
+@pytest.mark.parametrize("box", [(0, -4, 4, -1), (-4, 0, -1, 4)])
+def test_mask_under_a_box_outside_the_image_is_empty_there(box):
+    with pytest.raises(ValueError, match="it is empty there"):
+        Detection("car", box, mask=np.ones((10, 10), np.bool_))
 
 
 def test_half_covered_pixels_of_the_box_count_for_the_mask():

@@ -235,11 +235,22 @@ def test_value_at_and_relative_distance_invert_each_other(kind, distance, part):
 
 
 @pytest.mark.parametrize("kind", sorted(LAWS))
+def test_the_shift_is_zero_unless_given(kind):
+    law = LAWS[kind]
+    assert law.value_at(4.0) == law.value_at(4.0, 0.0) == (0.25 if law.inverse else 4.0)
+    assert law.relative_distance(law.value_at(4.0)) == 4.0
+
+
+@pytest.mark.parametrize("kind", sorted(LAWS))
 @given(value=st.floats(1e-3, 1e4), shift=st.floats(0.0, 10.0))
 def test_pixels_per_metre_are_linear_in_inverse_depth_plus_shift(kind, value, shift):
     inverse_depth = value if LAWS[kind].inverse else 1 / value
     pixels_per_metre = 1 / float(LAWS[kind].relative_distance(value, shift))
     assert pixels_per_metre == pytest.approx(inverse_depth + shift, rel=1e-12)
+
+
+def test_plausible_focal_lengths_are_those_of_the_design():
+    assert PLAUSIBLE_FOCAL == (0.3, 6.0)
 
 
 @pytest.mark.parametrize("fov_deg", [118.0, 9.6, 60.0])

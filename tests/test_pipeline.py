@@ -278,7 +278,7 @@ def test_depth_of_a_picture_of_another_size_is_refused_with_the_remedy():
         return ims.DepthMap(two_distances(image).values[::2, ::2] / 2, kind="relative")
 
     small_door = ims.Detection("door", (5, 5, 15, 30))
-    with pytest.raises(ValueError, match="image_size"):
+    with pytest.raises(ValueError, match=r"120 x 80 px; got image_size=\(60, 40\)"):
         measure(picture(), detector=Recorder(small_door), depth_source=small)
 
 

@@ -72,6 +72,36 @@ def test_the_core_ends_exactly_at_a_quarter_of_the_box():
     assert found.rel_std == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("left", "first"),
+    [pytest.param(10.4, 10, id="centre inside"), pytest.param(10.6, 11, id="centre outside")],
+)
+@pytest.mark.parametrize("upright", [False, True], ids=["columns", "rows"])
+def test_a_pixel_belongs_to_the_core_if_its_centre_does(left, first, upright):
+    values = np.full((40, 40), 1.0)
+    values[:, first : first + 4] = 3.0
+    box = (left - 2, 4, left + 6, 36)  # its core is 4 px wide and begins at `left`
+    if upright:
+        values, box = values.T, (box[1], box[0], box[3], box[2])
+    found = sample(values, box)
+    assert found.value == 3.0
+    assert found.rel_std == pytest.approx(0.0, abs=1e-12)
+    assert not found.mixed
+    values[...] = np.where(values == 3.0, 1.0, 3.0)  # and none of its neighbours does
+    assert sample(values, box).value == 1.0
+    assert not sample(values, box).mixed
+
+
+@pytest.mark.parametrize("count", range(1, 13))
+def test_the_depth_is_the_lower_quartile_counted_from_the_near_side(count):
+    depths = 4.0 * (1 + 0.003 * np.arange(count))
+    expected = np.quantile(depths, 0.25, method="lower")
+    values = np.full((1, 60), math.nan)
+    values[0, 20 : 20 + count] = np.random.default_rng(count).permutation(depths)
+    assert sample(values, (0, 0, 60, 1)).value == expected
+    assert sample(1 / values, (0, 0, 60, 1), kind="inverse").value == 1 / expected
+
+
 def test_columns_follow_x_and_rows_follow_y():
     values = np.full((30, 60), 50.0)
     values[4:8, 40:52] = 6.0
@@ -255,6 +285,21 @@ def test_a_box_over_the_border_is_sampled_inside_the_map(box, inside):
     assert (found.value, found.mixed) == (7.0, False)
 
 
+@pytest.mark.parametrize(
+    ("box", "place"),
+    [
+        pytest.param((40.1, 10.2, 40.9, 10.8), (10, 39), id="right"),
+        pytest.param((-0.9, 10.2, -0.1, 10.8), (10, 0), id="left"),
+        pytest.param((10.2, 40.1, 10.8, 40.9), (39, 10), id="below"),
+        pytest.param((10.2, -0.9, 10.8, -0.1), (0, 10), id="above"),
+    ],
+)
+def test_a_box_a_pixel_beyond_the_border_takes_the_pixel_beside_it(box, place):
+    values = np.full((40, 40), 20.0)
+    values[place] = 7.0
+    assert sample(values, box).value == 7.0
+
+
 def test_a_map_of_one_pixel_serves_every_box():
     assert sample([[5.0]], (10, 10, 90, 90), image_size=(100, 100)).value == 5.0
 
@@ -288,8 +333,9 @@ def test_a_mask_is_used_on_the_whole_box_not_only_its_core():
 
 def test_a_mask_beyond_the_box_is_cut_by_the_box():
     values = np.full((40, 40), 9.0)
-    values[:10, :10] = 4.0
-    assert sample(values, (0, 0, 10, 10), mask=np.ones((40, 40), np.bool_)).value == 4.0
+    values[15:20, 15:20] = 4.0
+    found = sample(values, (15, 15, 20, 20), mask=np.ones((40, 40), np.bool_))
+    assert (found.value, found.mixed) == (4.0, False)
 
 
 def test_an_object_without_depth_on_its_mask_takes_none_from_around_it():
@@ -321,6 +367,22 @@ def test_a_mask_of_the_image_serves_a_larger_map():
     found = sample(values, (10, 0, 20, 20), image_size=(20, 20), mask=mask)
     assert found.value == 6.0
     assert found.rel_std == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("upright", [False, True], ids=["columns", "rows"])
+def test_a_map_pixel_is_on_the_mask_if_its_centre_is(upright):
+    values = np.full((20, 40), 6.0)
+    values[:, 10] = 3.0  # in the image, columns 40 to 43 with their centre in column 42
+    box = (36, 0, 44, 40)
+    for end, expected in ((42, 6.0), (43, 3.0)):  # of equal surfaces the nearer is taken
+        mask = np.zeros((40, 160), np.bool_)
+        mask[:, :end] = True
+        found = (
+            sample(values.T, (0, 36, 40, 44), image_size=(40, 160), mask=mask.T)
+            if upright
+            else sample(values, box, image_size=(160, 40), mask=mask)
+        )
+        assert found.value == expected
 
 
 def test_a_mask_thinner_than_a_map_pixel_still_finds_a_depth_as_its_box_would():
