@@ -3,7 +3,6 @@
 import math
 from typing import get_args
 
-import attrs
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -187,7 +186,7 @@ def test_k_is_the_physical_number_of_the_design(kind, unit, meaning):
 
 
 def test_laws_cannot_be_set():
-    with pytest.raises(attrs.exceptions.FrozenInstanceError):
+    with pytest.raises(AttributeError):
         LAWS["metric"].inverse = True
 
 

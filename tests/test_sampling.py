@@ -78,7 +78,7 @@ def test_the_core_ends_exactly_at_a_quarter_of_the_box():
 )
 @pytest.mark.parametrize("upright", [False, True], ids=["columns", "rows"])
 def test_a_pixel_belongs_to_the_core_if_its_centre_does(left, first, upright):
-    values = np.full((40, 40), 1.0)
+    values = np.full((40, 40), 3.05)  # of the same surface: one such pixel would show as spread
     values[:, first : first + 4] = 3.0
     box = (left - 2, 4, left + 6, 36)  # its core is 4 px wide and begins at `left`
     if upright:
@@ -86,10 +86,11 @@ def test_a_pixel_belongs_to_the_core_if_its_centre_does(left, first, upright):
     found = sample(values, box)
     assert found.value == 3.0
     assert found.rel_std == pytest.approx(0.0, abs=1e-12)
-    assert not found.mixed
-    values[...] = np.where(values == 3.0, 1.0, 3.0)  # and none of its neighbours does
-    assert sample(values, box).value == 1.0
-    assert not sample(values, box).mixed
+    for column in (first, first + 3):  # each of the four counts
+        other = np.full((40, 40), 3.0)
+        other[:, column] = 3.05
+        spread = sample(other.T if upright else other, box).rel_std
+        assert spread == pytest.approx(math.sqrt(0.25 * 0.75) * math.log(3.05 / 3), rel=1e-9)
 
 
 @pytest.mark.parametrize("count", range(1, 13))
@@ -372,13 +373,13 @@ def test_a_mask_of_the_image_serves_a_larger_map():
 @pytest.mark.parametrize("upright", [False, True], ids=["columns", "rows"])
 def test_a_map_pixel_is_on_the_mask_if_its_centre_is(upright):
     values = np.full((20, 40), 6.0)
-    values[:, 10] = 3.0  # in the image, columns 40 to 43 with their centre in column 42
-    box = (36, 0, 44, 40)
-    for end, expected in ((42, 6.0), (43, 3.0)):  # of equal surfaces the nearer is taken
+    values[:, 30] = 3.0  # in the image, columns 120 to 123 with their centre in column 122
+    box = (116, 0, 124, 40)
+    for end, expected in ((122, 6.0), (123, 3.0)):  # of equal surfaces the nearer is taken
         mask = np.zeros((40, 160), np.bool_)
         mask[:, :end] = True
         found = (
-            sample(values.T, (0, 36, 40, 44), image_size=(40, 160), mask=mask.T)
+            sample(values.T, (0, 116, 40, 124), image_size=(40, 160), mask=mask.T)
             if upright
             else sample(values, box, image_size=(160, 40), mask=mask)
         )

@@ -40,22 +40,36 @@ def number_error(name: str, law: str, value: object, remedy: str = "") -> Except
     return ValueError(msg) if isinstance(value, float) else TypeError(msg)
 
 
-def positive(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
+def positive_number(name: str, value: float) -> float:
+    """Return a number as `float`; raise unless it is finite and above zero."""
+    number = as_float(value)
+    if not (_is_real(number) and 0 < number < math.inf):
+        raise number_error(name, "finite and positive", number)
+    return number
+
+
+def finite_number(name: str, value: float) -> float:
+    """Return a number as `float`; raise unless it is finite."""
+    number = as_float(value)
+    if not (_is_real(number) and math.isfinite(number)):
+        raise number_error(name, "finite", number)
+    return number
+
+
+def positive(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
     """Validate a finite number above zero."""
-    if not (isinstance(value, float) and 0 < value < math.inf):
-        raise number_error(attribute.name, "finite and positive", value)
+    positive_number(attribute.name, value)
 
 
-def non_negative(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
+def non_negative(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
     """Validate a finite number at or above zero."""
-    if not (isinstance(value, float) and 0 <= value < math.inf):
+    if not (_is_real(value) and 0 <= value < math.inf):
         raise number_error(attribute.name, "finite and not negative", value)
 
 
-def finite(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
+def finite(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
     """Validate a finite number."""
-    if not (isinstance(value, float) and math.isfinite(value)):
-        raise number_error(attribute.name, "finite", value)
+    finite_number(attribute.name, value)
 
 
 def text(_: object, attribute: attrs.Attribute[Any], value: object) -> None:

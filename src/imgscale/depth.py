@@ -20,9 +20,11 @@ from imgscale._checks import (
     as_optional_float,
     check_choice,
     finite,
+    finite_number,
     non_negative,
     own_floats,
     positive,
+    positive_number,
 )
 from imgscale._typing import AnyFloatArray, BoolArray, DepthKind, FloatArray, ImageSize
 from imgscale.camera import Camera
@@ -211,14 +213,16 @@ class DepthMap:
         >>> DepthMap.from_disparity([[20.0]], focal_px=700.0, baseline_m=0.5).values
         array([[17.5]])
         """
-        geometry = _StereoGeometry(focal_px, baseline_m, doffs_px)
+        focal = positive_number("focal_px", focal_px)
+        baseline = positive_number("baseline_m", baseline_m)
+        doffs = finite_number("doffs_px", doffs_px)
         _refuse_integers("disparity", disparity, "KITTI 256, OpenCV's SGBM 16")
         pixels = own_floats("disparity", disparity, 2, "(H, W)").astype(np.float64)
-        shifted = pixels + geometry.doffs_px
+        shifted = pixels + doffs
         with np.errstate(invalid="ignore"):
             seen = np.isfinite(pixels) & (pixels > 0) & (shifted > 0)
         depth = np.full(pixels.shape, np.nan)
-        depth[seen] = geometry.focal_px * geometry.baseline_m / shifted[seen]
+        depth[seen] = focal * baseline / shifted[seen]
         return cls(depth, kind="metric", image_size=image_size)
 
     @classmethod
@@ -269,15 +273,6 @@ class DepthMap:
         tan_x = (x - cx)[np.newaxis, :] / camera.focal_px
         tan_y = (y - cy)[:, np.newaxis] / camera.focal_px
         return cls(distance / np.sqrt(1 + tan_x**2 + tan_y**2), kind="metric", image_size=size)
-
-
-@attrs.frozen
-class _StereoGeometry:
-    """The three numbers of a calibrated pair, checked under the names the caller used."""
-
-    focal_px: float = attrs.field(converter=as_float, validator=positive)
-    baseline_m: float = attrs.field(converter=as_float, validator=positive)
-    doffs_px: float = attrs.field(converter=as_float, validator=finite)
 
 
 @attrs.frozen(eq=False)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypedDict, get_args
+from typing import NamedTuple, TypedDict, get_args
 
-import attrs
 import numpy as np
 
 from imgscale._checks import check_choice
@@ -114,8 +113,7 @@ def fit(
     return fit_observed(detections, obs, setting)
 
 
-@attrs.frozen(kw_only=True)
-class Setting:
+class Setting(NamedTuple):
     """
     What a model keeps of the call that made it; the fields are those of `ScaleModel`.
 
@@ -249,7 +247,7 @@ def fit_observed(
         references=references,
         flags=_flags(references, obs, log_obs, solution, setting),
         camera_precision=float(solution.weight[-1]) if witness else 0.0,
-        **attrs.asdict(setting, recurse=False),
+        **setting._asdict(),
     )
 
 

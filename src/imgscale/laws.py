@@ -8,8 +8,8 @@ image's scale constant. With ``d = 1 / (D + b)`` the metres per pixel are ``k * 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
-import attrs
 import numpy as np
 
 from imgscale._typing import AnyFloatArray, DepthKind, FloatArray
@@ -19,10 +19,9 @@ from imgscale._typing import AnyFloatArray, DepthKind, FloatArray
 PLAUSIBLE_FOCAL = (0.3, 6.0)
 
 
-@attrs.frozen
-class Law:
+class Law(NamedTuple):
     """
-    What the values of one kind of depth mean.
+    Hold what the values of one kind of depth mean.
 
     Attributes
     ----------
