@@ -22,13 +22,14 @@ TUKEY_C = 4.685
 Z90 = 1.6448536269514722
 
 
-def observations(y, variance, tau, group, image=None):
+def observations(y, variance, tau, group, image=None, firm=None):
     return LogObservations(
         y=np.asarray(y, dtype=np.float64),
         variance=np.asarray(variance, dtype=np.float64),
         tau=np.asarray(tau, dtype=np.float64),
         image=np.zeros(len(y), dtype=np.intp) if image is None else np.asarray(image),
         group=np.asarray(group, dtype=np.intp),
+        firm=np.zeros(len(y), dtype=np.bool_) if firm is None else np.asarray(firm),
     )
 
 

@@ -669,7 +669,7 @@ def test_a_camera_says_nothing_of_k_where_depth_has_no_scale(kind):
     depth = ims.ObjectDepths([6.0], kind=kind)
     told = ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]), camera=camera(5.0))
     untold = ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]))
-    assert (told.k, told.k_std, told.flags) == (untold.k, untold.k_std, untold.flags)
+    assert (told.k, told.k_std) == (untold.k, untold.k_std)
     with pytest.raises(ims.FitError, match="at least one reference"):
         ims.fit([], ims.ObjectDepths([], kind=kind), camera=camera())
 
@@ -715,15 +715,20 @@ ONE_PRIOR = exact_priors([1.7])
 @pytest.mark.parametrize(
     ("detections", "depth", "seen"),
     [
-        pytest.param([], relative([]), "got no detection", id="empty list"),
+        pytest.param([], relative([]), r"got no detection\.$", id="empty list"),
         pytest.param(
-            [box("thing", 50.0)], ONE_DEPTH, r"got thing \(no prior\)", id="no prior at all"
+            [box("thing", 50.0)], ONE_DEPTH,
+            r"got thing \(no prior\)\. Add sizes with PriorTable\.default\(\)\.with_prior\(",
+            id="no prior at all",
         ),
         pytest.param(
             [box("pole 0", 50.0, partial=True)] * 2, relative([6.0, 6.0]),
-            r"got pole 0 1 \(partial\), pole 0 2 \(partial\)", id="all partial",
+            r"got pole 0 1 \(partial\), pole 0 2 \(partial\)\. Partial objects", id="all partial",
         ),
-        pytest.param(ONE, relative([NAN]), r"got pole 0 \(no depth\)", id="all depths NaN"),
+        pytest.param(
+            ONE, relative([NAN]), r"got pole 0 \(no depth\)\. Check.*valid depth",
+            id="all depths NaN",
+        ),
         pytest.param(
             [box("thing", 50.0)] * 7, relative([6.0] * 7), "and 2 more", id="long list is cut"
         ),
@@ -732,8 +737,6 @@ ONE_PRIOR = exact_priors([1.7])
 @pytest.mark.parametrize("method", METHODS)
 def test_without_a_reference_the_error_says_what_was_seen(detections, depth, seen, method):
     with pytest.raises(ims.FitError, match=seen):
-        ims.fit(detections, depth, ONE_PRIOR, method=method)
-    with pytest.raises(ims.FitError, match=r"PriorTable\.default\(\)\.with_prior\("):
         ims.fit(detections, depth, ONE_PRIOR, method=method)
 
 

@@ -176,7 +176,7 @@ def test_a_model_reads_as_one_sentence():
     text = str(busy_model())
     assert text.startswith("k = 0.00125")
     assert text.endswith(
-        " 1/px (1 / focal length) from 3 of 6 references; "
+        " 1/px (1 / focal length) from 3 of 6 references and the camera's focal length; "
         "not used: pole 3 (partial), gate 2 (outlier), pole 4 (no depth); without a prior: thing"
     )
 

@@ -134,7 +134,7 @@ def test_metric_depth_is_its_own_distance():
     assert distances == pytest.approx([6.0, 11.0], rel=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["metric", "relative", "inverse"])
+@pytest.mark.parametrize("kind", ["relative", "inverse"])
 def test_with_a_camera_the_distance_is_focal_length_times_scale(kind):
     depth = ims.ObjectDepths([6.0, 11.0], kind=kind)
     detections = [*ONE, box("thing", 30.0)]
@@ -142,6 +142,23 @@ def test_with_a_camera_the_distance_is_focal_length_times_scale(kind):
     for e in ims.predict(model, detections, depth):
         assert e.distance_m == pytest.approx(640.0 * e.metres_per_pixel, rel=1e-12)
         assert e.distance_m == pytest.approx(640.0 * e.size_m / (e.size_m / e.metres_per_pixel))
+
+
+@pytest.mark.parametrize(
+    ("scale_rel_std", "focal_rel_std", "map_takes"),
+    [(0.0, 0.06, 0.0), (0.15, 0.0, 1.0), (0.15, 0.15, 0.5), (0.0, 0.0, 0.0)],
+)
+def test_metric_distances_are_corrected_by_what_the_map_itself_may_err(
+    scale_rel_std, focal_rel_std, map_takes
+):
+    # f k = scale error of the map / error of the focal length: each takes its share of the log
+    depth = ims.DepthMap(
+        np.full((150, 200), 6.0), kind="metric", image_size=SIZE, scale_rel_std=scale_rel_std
+    )
+    camera = ims.Camera(640.0, focal_rel_std=focal_rel_std)
+    model = ims.fit(ONE, depth, POLE, camera=camera)
+    [estimate] = ims.predict(model, [box("thing", 30.0)], depth)
+    assert estimate.distance_m == pytest.approx(6.0 * (640.0 * model.k) ** map_takes, rel=1e-12)
 
 
 # --- references ----------------------------------------------------------------------------------
@@ -590,7 +607,7 @@ def test_missing_depth_is_refused_naming_both_ways_out():
 @pytest.mark.parametrize("word", ["median", "", "Mean"])
 def test_another_word_than_mean_is_refused(word):
     model = ims.fit(ONE, ONE_DEPTH, POLE)
-    with pytest.raises(ValueError, match=f'`depth` must be one of "mean"; got {word!r}'):
+    with pytest.raises(ValueError, match=f'ObjectDepths or "mean"; got {word!r}'):
         ims.predict(model, ONE, word)
 
 

@@ -371,11 +371,16 @@ def test_with_prior_takes_over_what_its_own_aliases_name():
         ObjectPrior("car", 1.6, 0.16, aliases=("automobile",)),
         ObjectPrior("rod", 1, 0, aliases=("stick",)),
     ]
-    mine = ObjectPrior("my thing", 1.2, 0.01, aliases=("Automobile", "ROD"))
+    mine = ObjectPrior("my thing", 1.2, 0.01, aliases=("Automobile",))
     table = PriorTable(rows).with_prior(mine)
-    assert table.lookup("automobile") == table.lookup("rod") == (mine,)
+    assert table.lookup("automobile") == (mine,)
     assert table.lookup("car")[0].mean_m == 1.6
-    assert table.lookup("stick") == ()
+
+
+def test_with_prior_does_not_drop_another_label_that_it_names_as_alias():
+    rows = [ObjectPrior("rod", 1, 0, aliases=("stick",))]
+    with pytest.raises(ValueError, match='"rod" for "rod" and for "my thing"'):
+        PriorTable(rows).with_prior(ObjectPrior("my thing", 1.2, 0.01, aliases=("ROD",)))
 
 
 def test_with_prior_twice_keeps_the_last():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
 from imgscale.detection import Detection
@@ -48,10 +50,17 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> str:
-    if name == "__version__":
-        from importlib.metadata import version  # noqa: PLC0415 - 50 ms that few need
+__version__: str
 
-        return version("imgscale")
-    msg = f"module 'imgscale' has no attribute {name!r}"
-    raise AttributeError(msg)
+if not TYPE_CHECKING:  # for a type checker every misspelt name would be there
+
+    def __getattr__(name: str) -> str:
+        if name == "__version__":
+            from importlib.metadata import version  # noqa: PLC0415 - 50 ms that few need
+
+            return version("imgscale")
+        msg = f"module 'imgscale' has no attribute {name!r}"
+        raise AttributeError(msg)
+
+
+del TYPE_CHECKING

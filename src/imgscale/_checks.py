@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeVar
 
 import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imgscale._typing import AnyFloatArray, ImageSize
+
+T = TypeVar("T")
 
 
 def as_float(value: float) -> float:
@@ -99,6 +101,24 @@ def true_or_false(_: object, attribute: attrs.Attribute[Any], value: object) -> 
         raise TypeError(msg)
 
 
+def check_type(name: str, value: object, wanted: type[T], remedy: str = "") -> T:
+    """Return a value of the type wanted; raise under its name otherwise."""
+    if not isinstance(value, wanted):
+        msg = f"`{name}` must be a {wanted.__name__}; got {type(value).__name__}.{remedy}"
+        raise TypeError(msg)
+    return value
+
+
+def check_iterable(name: str, value: object, item: str) -> None:
+    """Raise unless a value can be gone through."""
+    if not isinstance(value, Iterable):
+        msg = (
+            f"`{name}` must be a sequence of {item} objects; got {type(value).__name__}. Put a "
+            "single one in a list."
+        )
+        raise TypeError(msg)
+
+
 def check_choice(name: str, value: object, allowed: Sequence[str]) -> None:
     """Raise unless `value` is one of `allowed`."""
     if not (isinstance(value, str) and value in allowed):
@@ -160,7 +180,10 @@ def own_floats(name: str, values: ArrayLike, ndim: int, shape_law: str) -> AnyFl
     """Copy real values into a read-only array; float dtypes stay, integers become float64."""
     array = as_array(name, f"an array of shape {shape_law}", values)
     if array.dtype.kind not in "fiu":
-        msg = f"`{name}` must hold real numbers; got dtype {array.dtype}."
+        msg = (
+            f"`{name}` must hold real numbers; got dtype {array.dtype}. NaN stands for an unknown "
+            "value."
+        )
         raise TypeError(msg)
     if array.ndim != ndim or array.size == 0:
         msg = f"`{name}` must have shape {shape_law} and hold something; got {array.shape}."

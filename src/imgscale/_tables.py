@@ -37,7 +37,12 @@ def shipped_table(name: str) -> Table:
 
 def read_table(path: str | PathLike[str]) -> Table:
     """Read a user's table."""
-    return _parse(Path(path).read_text(encoding="utf-8-sig"), str(path))
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        msg = f"{path} must be UTF-8; got byte {error.object[error.start]:#x} at {error.start}."
+        raise ValueError(msg) from error
+    return _parse(text, str(path))
 
 
 def write_table(
@@ -56,5 +61,9 @@ def _parse(text: str, name: str) -> Table:
     import csv  # noqa: PLC0415 - 2 ms of import
 
     reader = csv.DictReader(StringIO(text, newline=""), restkey="")
+    columns = tuple(reader.fieldnames or ())
+    if len(set(columns)) < len(columns):
+        msg = f"{name} must name each column once; got {', '.join(columns)}."
+        raise ValueError(msg)
     records = [(reader.line_num, dict[str, Any](record)) for record in reader]
-    return Table(name, tuple(reader.fieldnames or ()), records)
+    return Table(name, columns, records)

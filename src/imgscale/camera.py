@@ -40,7 +40,8 @@ class Camera:
     focal_rel_std : float
         Its relative standard error, >= 0: 0 for a calibration, about 0.04 for EXIF.
     cx, cy : float or None
-        Principal point in pixels; the image's centre where None.
+        Principal point in pixels, with the left edge of the first pixel at 0 (calibrations that
+        put its centre at 0, as OpenCV's, need 0.5 added); the image's centre where None.
     image_size : (width, height) or None
         Size in pixels of the picture that the focal length belongs to.
     pitch_deg : float

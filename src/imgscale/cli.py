@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="imgscale", description="How big is the thing in this photo?"
     )
+    parser.add_argument("--version", action="version", version=f"imgscale {version('imgscale')}")
     commands = parser.add_subparsers(dest="command", required=True)
     demo = commands.add_parser(
         "demo",
@@ -49,8 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     try:
-        run_demo(options.out)
-    except (ImgscaleError, OSError) as error:
+        run_demo(options.out if options.out.suffix else options.out.with_suffix(".png"))
+    except (ImgscaleError, OSError, ValueError) as error:
         print(f"imgscale: {error}", file=sys.stderr)
         return 1
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Sequence
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, cast
 
 import attrs
 import numpy as np
@@ -19,6 +19,7 @@ from imgscale._checks import (
     as_known_image_size,
     as_optional_float,
     check_choice,
+    check_type,
     finite,
     finite_number,
     non_negative,
@@ -40,6 +41,7 @@ __all__ = [
 
 VALUE_KINDS: tuple[DepthKind, ...] = ("metric", "relative", "inverse", "affine_inverse")
 _FINGERPRINT_SAMPLES = 4096
+_METRIC_SCALES = "KITTI 256, millimetres 1000, TUM 5000"
 
 
 def valid_depths(values: AnyFloatArray, kind: DepthKind) -> BoolArray:
@@ -77,7 +79,27 @@ def _refuse_integers(name: str, values: ArrayLike, scales: str) -> None:
 
 def _as_given(values: ArrayLike) -> NDArray[Any]:
     """Take the values as they come; they are checked and copied where their kind is known."""
+    if isinstance(values, np.ma.MaskedArray):
+        masked: Any = cast("Any", values)
+        missing = np.nan if masked.dtype.kind == "f" else 0
+        return np.asarray(masked.filled(missing))
     return as_array("values", "an array of numbers", values)
+
+
+def _check_not_transposed(image_size: ImageSize | None, shape: tuple[int, ...]) -> None:
+    if image_size is not None and image_size == shape and shape[0] != shape[1]:
+        msg = (
+            f"`image_size` must be (width, height); got {image_size}, which is the map's (height, "
+            f"width). Pass {image_size[::-1]}."
+        )
+        raise ValueError(msg)
+
+
+def _as_object_depths(values: ArrayLike) -> NDArray[Any]:
+    """Take an array as it comes; numbers typed by hand are metres, be they whole or not."""
+    array = _as_given(values)
+    by_hand = not isinstance(values, np.ndarray) and array.dtype.kind in "iu"
+    return array.astype(np.float64) if by_hand else array
 
 
 def _check_kind(_: object, __: attrs.Attribute[Any], value: str) -> None:
@@ -144,8 +166,9 @@ class DepthMap:
 
     def __attrs_post_init__(self) -> None:
         if self.kind == "metric":
-            _refuse_integers("values", self.values, "KITTI 256, millimetres 1000, TUM 5000")
+            _refuse_integers("values", self.values, _METRIC_SCALES)
         owned = own_floats("values", self.values, 2, "(H, W)")
+        _check_not_transposed(self._image_size, owned.shape)
         if not valid_depths(owned, self.kind).any():
             law = "finite" if self.kind == "affine_inverse" else "finite, positive"
             msg = (
@@ -262,9 +285,11 @@ class DepthMap:
         >>> DepthMap.from_ray_distance([[2.0, 2.0 * 2**0.5]], camera).values
         array([[2., 2.]])
         """
+        check_type("camera", camera, Camera)
         _refuse_integers("values", values, "millimetres 1000")
         distance = own_floats("values", values, 2, "(H, W)").astype(np.float64)
         height, width = distance.shape
+        _check_not_transposed(camera.image_size, distance.shape)
         size = camera.image_size or (width, height)
         cx = size[0] / 2 if camera.cx is None else camera.cx
         cy = size[1] / 2 if camera.cy is None else camera.cy
@@ -308,7 +333,7 @@ class ObjectDepths:
     ValueError: `values` must be finite and positive, or NaN where unknown; got 0.0 at index 1.
     """
 
-    values: AnyFloatArray = attrs.field(converter=_as_given, repr=array_summary)
+    values: AnyFloatArray = attrs.field(converter=_as_object_depths, repr=array_summary)
     kind: DepthKind = attrs.field(kw_only=True, validator=_check_kind)
     image_size: ImageSize | None = attrs.field(default=None, kw_only=True, converter=as_image_size)
     rel_std: float | None = attrs.field(
@@ -319,6 +344,8 @@ class ObjectDepths:
     )
 
     def __attrs_post_init__(self) -> None:
+        if self.kind == "metric":
+            _refuse_integers("values", self.values, _METRIC_SCALES)
         owned = own_object_depths(self.values)
         unlawful = ~(np.isnan(owned) | valid_depths(owned, self.kind))
         if unlawful.any():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import attrs
@@ -16,6 +16,7 @@ from imgscale._checks import (
     as_flag,
     as_float,
     as_known_image_size,
+    check_iterable,
     four_numbers,
     is_between,
     number_error,
@@ -46,7 +47,10 @@ def _as_mask(value: ArrayLike | None) -> BoolArray | None:
         return None
     array = as_array("mask", "an array of shape (H, W)", value)
     if array.dtype != np.bool_:
-        msg = f"`mask` must be boolean, True on the object; got dtype {array.dtype}."
+        msg = (
+            f"`mask` must be boolean, True on the object; got dtype {array.dtype}. Compare it "
+            "first: mask > 0."
+        )
         raise TypeError(msg)
     if array.ndim != 2:
         msg = f"`mask` must have the image's shape (H, W); got {array.shape}."
@@ -122,7 +126,11 @@ class Detection:
     partial: bool = attrs.field(
         default=False, kw_only=True, converter=as_flag, validator=true_or_false
     )
-    track_id: int | str | None = attrs.field(default=None, kw_only=True)
+    track_id: int | str | None = attrs.field(
+        default=None,
+        kw_only=True,
+        validator=attrs.validators.optional(attrs.validators.instance_of((int, str))),
+    )
 
     def __attrs_post_init__(self) -> None:
         if self.mask is None:
@@ -310,21 +318,30 @@ class Detection:
         )
 
 
-def check_detections(value: Sequence[object]) -> None:
+def check_detections(value: Iterable[object]) -> tuple[Detection, ...]:
     """
-    Raise unless every item is a `Detection`.
+    Raise unless a value is a sequence of `Detection`.
 
     Parameters
     ----------
-    value : sequence
+    value : iterable
         What was given as detections.
+
+    Returns
+    -------
+    tuple of Detection
+        The same.
 
     Raises
     ------
     TypeError
-        If an item is something else.
+        If it is no sequence, or an item is something else.
     """
+    check_iterable("detections", value, "Detection")
+    known: list[Detection] = []
     for index, item in enumerate(value):
         if not isinstance(item, Detection):
             msg = f"`detections` must hold Detection objects; got {item!r} at index {index}."
             raise TypeError(msg)
+        known.append(item)
+    return tuple(known)

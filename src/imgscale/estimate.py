@@ -6,7 +6,7 @@ import math
 
 import attrs
 
-from imgscale._checks import nan_as_none
+from imgscale._checks import as_float, is_between, nan_as_none, number_error
 from imgscale._format import with_error
 from imgscale._typing import SizeAxis
 from imgscale.flags import Flag, flag_names
@@ -107,9 +107,8 @@ def log_interval(value: float, std: float, level: float) -> tuple[float, float]:
     ValueError
         If the level is no probability.
     """
-    if not 0 < level < 1:
-        msg = f"`level` must be above 0 and below 1; got {level!r}."
-        raise ValueError(msg)
+    if not is_between(as_float(level), 1e-12, 1 - 1e-12):
+        raise number_error("level", "above 0 and below 1", as_float(level))  # noqa: EM101 - a name
     if math.isnan(value):
         return (math.nan, math.nan)
     from statistics import NormalDist  # noqa: PLC0415 - 20 ms of import that few calls need

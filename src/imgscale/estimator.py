@@ -49,6 +49,9 @@ class LogObservations(NamedTuple):
         Which image it belongs to, 0 to n_images - 1.
     group : (N,) ndarray of int
         Which (image, label) it belongs to, 0 to n_groups - 1.
+    firm : (N,) ndarray of bool
+        True for a witness that is no label's affair, as a camera: its declared error stands,
+        whatever the others say.
     """
 
     y: FloatArray
@@ -56,6 +59,7 @@ class LogObservations(NamedTuple):
     tau: FloatArray
     image: IntArray
     group: IntArray
+    firm: BoolArray
 
     @property
     def n_images(self) -> int:
@@ -124,7 +128,7 @@ def fit_robust(obs: LogObservations) -> LogFit:
 
     It starts at the weighted median and re-weights by Tukey's biweight. Where most references
     disagree, none can be told to be wrong: an excess variance, common to all, then takes up their
-    scatter.
+    scatter. Firm witnesses are never rejected or widened.
 
     Parameters
     ----------
@@ -145,12 +149,13 @@ def fit_robust(obs: LogObservations) -> LogFit:
     """
     start = _segment_median(obs.y, obs.total_std**-2, obs.image, obs.n_images)
     excess, inconsistent = _excess_variance(obs, start)
-    widened = obs._replace(variance=obs.variance + excess[obs.image])
+    excess_of_row = np.where(obs.firm, 0.0, excess[obs.image])
+    widened = obs._replace(variance=obs.variance + excess_of_row)
     log_k = start
     trust, share = np.ones_like(obs.y), np.zeros_like(obs.y)
     for _ in range(_MAX_STEPS):
         residual = (obs.y - log_k[obs.image]) / (widened.total_std * _TUKEY_C)
-        trust = np.maximum(0.0, 1 - residual**2) ** 2
+        trust = np.where(obs.firm, 1.0, np.maximum(0.0, 1 - residual**2) ** 2)
         share = _shares(widened, trust / widened.variance)
         step = np.bincount(obs.image, share * (obs.y - log_k[obs.image]), obs.n_images)
         log_k = log_k + step

@@ -8,19 +8,26 @@ from typing import NamedTuple, TypedDict, get_args
 
 import numpy as np
 
-from imgscale._checks import check_choice
+from imgscale._checks import check_choice, check_type
 from imgscale._typing import DepthKind, FitMethod, ImageSize, IntArray
 from imgscale.camera import Camera
 from imgscale.closed_form import least_squares, mean_ratio
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
-from imgscale.detection import Detection
+from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
 from imgscale.estimator import MIN_VARIANCE, LogFit, LogObservations, fit_robust, log_k_std
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
 from imgscale.model import OUTLIER, Reference, ScaleModel, numbered_labels
 from imgscale.noise import Noise
-from imgscale.observations import Observations, observe, usable_depth
+from imgscale.observations import (
+    NO_DEPTH,
+    NO_PRIOR,
+    PARTIAL,
+    Observations,
+    observe,
+    usable_depth,
+)
 from imgscale.priors import PriorTable
 from imgscale.referencing import explain_references
 
@@ -104,9 +111,10 @@ def fit(
     Traceback (most recent call last):
         ...
     imgscale.errors.FitError: `detections` must hold at least one reference: an object with a
-    prior and a depth, in full view; got statue (no prior). Add its size with
+    prior and a depth, in full view; got statue (no prior). Add sizes with
     PriorTable.default().with_prior(ObjectPrior(label, mean_m, std_m)).
     """
+    detections = check_detections(detections)
     obs, setting = observe_references(
         detections, depth, priors, ground=ground, camera=camera, method=method, noise=noise
     )
@@ -261,11 +269,11 @@ def _check_options(
 ) -> None:
     """Raise where an option breaks its law."""
     check_choice("method", method, METHODS)
-    wanted = (("priors", priors, PriorTable), ("camera", camera, Camera), ("noise", noise, Noise))
-    for name, value, wanted_type in wanted:
-        if not isinstance(value, wanted_type) and (value is not None or name == "noise"):
-            msg = f"`{name}` must be a {wanted_type.__name__}; got {type(value).__name__}."
-            raise TypeError(msg)
+    if priors is not None:
+        check_type("priors", priors, PriorTable, " Wrap rows as PriorTable([...]).")
+    if camera is not None:
+        check_type("camera", camera, Camera)
+    check_type("noise", noise, Noise)
     if ground is not None:
         msg = "`ground` must be None in this version; a second witness is not fitted yet."
         raise ValueError(msg)
@@ -280,11 +288,15 @@ def _check_options(
 
 
 def _camera_witness(setting: Setting) -> tuple[float, float] | None:
-    """Give log k and its variance by the focal length: with metric depth, k = 1 / f."""
-    camera = setting.camera
-    if camera is None or setting.kind != "metric" or setting.method != "robust":
+    """Let the camera be a witness where it is one: of k with metric depth, for the robust fit."""
+    if setting.camera is None or setting.kind != "metric" or setting.method != "robust":
         return None
-    return -math.log(camera.focal_px), camera.focal_rel_std**2 + setting.scale_rel_std**2
+    return _camera_says(setting.camera, setting.scale_rel_std)
+
+
+def _camera_says(camera: Camera, scale_rel_std: float) -> tuple[float, float]:
+    """Give log k and its variance by the focal length: with metric depth, k = 1 / f."""
+    return -math.log(camera.focal_px), camera.focal_rel_std**2 + scale_rel_std**2
 
 
 def _log_observations(
@@ -294,15 +306,18 @@ def _log_observations(
     y = obs.prior_log[rows] - obs.log_size[rows]
     variance = obs.prior_var[rows] + obs.noise_var[rows]
     tau, group = obs.tau[rows], obs.group[rows]
+    firm = np.zeros(y.size, dtype=np.bool_)
     if witness:
         y, variance = np.append(y, witness[0]), np.append(variance, witness[1])
         tau, group = np.append(tau, 0.0), np.append(group, group.max(initial=-1) + 1)
+        firm = np.append(firm, np.True_)
     return LogObservations(
         y=y,
         variance=np.maximum(variance, MIN_VARIANCE),
         tau=tau,
         image=np.zeros(y.size, dtype=np.intp),
         group=group,
+        firm=firm,
     )
 
 
@@ -343,30 +358,42 @@ def _flags(
     """Collect the model's reservations."""
     used = [index for index, ref in enumerate(references) if ref.used]
     labels = {int(obs.group[index]) for index in used}
-    has_camera = log_obs.y.size > obs.eligible.size
-    focal_px = math.exp(-float(solution.log_k[0]))
-    side = max(setting.image_size) if setting.image_size else math.nan
-    low, high = (factor * side for factor in PLAUSIBLE_FOCAL)
+    has_camera = bool(log_obs.firm.any())
     return flags_where(
         {
             Flag.SINGLE_REFERENCE: len(used) == 1 and not has_camera,
             Flag.SINGLE_LABEL: len(used) > 1 and len(labels) == 1 and not has_camera,
             Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
             Flag.INCONSISTENT: bool(solution.inconsistent[0]),
-            Flag.CAMERA_CONFLICT: has_camera and _camera_conflicts(obs, log_obs),
-            Flag.IMPLAUSIBLE_FOCAL: setting.kind == "metric"
-            and (focal_px < low or focal_px > high),
+            Flag.CAMERA_CONFLICT: _camera_conflicts(obs, solution, setting),
+            Flag.IMPLAUSIBLE_FOCAL: _implausible_focal(references, solution, setting),
+            Flag.MIXED_DEPTH: any(bool(obs.mixed[index]) for index in used),
         }
     )
 
 
-def _camera_conflicts(obs: Observations, log_obs: LogObservations) -> bool:
-    """Compare the camera, the last witness, with what all references together say without it."""
-    if not obs.eligible.size:
+def _camera_conflicts(obs: Observations, solution: LogFit, setting: Setting) -> bool:
+    """Compare the camera with what all references of metric depth say together without it."""
+    if setting.camera is None or setting.kind != "metric" or not obs.eligible.size:
         return False
-    others = fit_robust(_log_observations(obs, obs.eligible, None))
-    error = math.hypot(float(log_obs.total_std[-1]), float(others.log_std[0]))
-    return abs(float(log_obs.y[-1] - others.log_k[0])) > _CONFLICT_Z * error
+    if setting.method == "robust":
+        solution = fit_robust(_log_observations(obs, obs.eligible, None))
+    camera_y, camera_var = _camera_says(setting.camera, setting.scale_rel_std)
+    error = math.hypot(math.sqrt(camera_var), float(solution.log_std[0]))
+    return abs(camera_y - float(solution.log_k[0])) > _CONFLICT_Z * error
+
+
+def _implausible_focal(references: Sequence[Reference], solution: LogFit, setting: Setting) -> bool:
+    """Tell whether the implied or the given focal length belongs to no camera that takes photos."""
+    focals = [] if setting.camera is None else [setting.camera.focal_px]
+    if setting.kind == "metric":
+        focals.append(math.exp(-float(solution.log_k[0])))
+    low, high = PLAUSIBLE_FOCAL
+    if setting.image_size is None:  # the boxes bound the image's side from below
+        side = max((max(ref.xyxy) for ref in references), default=0.0)
+        return any(focal < low * side for focal in focals)
+    side = max(setting.image_size)
+    return any(not low * side <= focal <= high * side for focal in focals)
 
 
 def _no_reference(detections: Sequence[Detection], obs: Observations) -> str:
@@ -378,8 +405,14 @@ def _no_reference(detections: Sequence[Detection], obs: Observations) -> str:
         )
     ]
     more = f" and {len(seen) - 5} more" if len(seen) > 5 else ""
+    remedies = {
+        NO_PRIOR: "Add sizes with PriorTable.default().with_prior(ObjectPrior(label, mean_m, "
+        "std_m)).",
+        PARTIAL: "Partial objects show only a part of their size.",
+        NO_DEPTH: "Check that the map has valid depth inside the boxes.",
+    }
+    given = "".join(f" {text}" for reason, text in remedies.items() if reason in obs.reason)
     return (
         "`detections` must hold at least one reference: an object with a prior and a depth, in "
-        f"full view; got {', '.join(seen[:5]) or 'no detection'}{more}. Add its size with "
-        "PriorTable.default().with_prior(ObjectPrior(label, mean_m, std_m))."
+        f"full view; got {', '.join(seen[:5]) or 'no detection'}{more}.{given}"
     )

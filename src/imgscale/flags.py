@@ -25,7 +25,8 @@ class Flag(enum.Flag):
     CAMERA_CONFLICT : Flag
         The focal length given disagrees with references and depth by more than 3 standard errors.
     IMPLAUSIBLE_FOCAL : Flag
-        The focal length implied by metric depth is outside 0.3 to 6 image sides: a unit is wrong.
+        The focal length implied by metric depth, or the camera's, is outside 0.3 to 6 times the
+        longer image side: a unit is wrong.
     REFERENCE : Flag
         The object was itself a reference; its prior is in k and is not counted twice.
     PRIOR_USED : Flag
@@ -35,13 +36,15 @@ class Flag(enum.Flag):
     NO_DEPTH : Flag
         The depth map has no valid value on the object.
     MIXED_DEPTH : Flag
-        Two surfaces share the object's box; the depth may be that of the other.
+        Two surfaces share the object's box; the depth may be that of the other. On a model: of at
+        least one reference used.
     PARTIAL : Flag
         The box is cut by the border or marked partial: the size is that of the visible part.
     EXTRAPOLATED : Flag
-        The object lies far outside the depths that the references support.
+        The object lies far outside the depths that the references support (for kinds with a
+        shift, not in this version).
     BEYOND_HORIZON : Flag
-        The object lies where the fitted law has no finite depth.
+        The object lies where the fitted law has no finite depth (likewise).
     """
 
     SINGLE_REFERENCE = enum.auto()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from typing import Any
 
 import attrs
@@ -14,16 +13,14 @@ from imgscale.detection import Detection, check_detections
 __all__ = ["Frame"]
 
 
-def _check_detections(_: object, __: attrs.Attribute[Any], value: Sequence[object]) -> None:
-    check_detections(value)
-
-
 def _check_depth(_: object, __: attrs.Attribute[Any], value: object) -> None:
     check_depth_type(value)
 
 
-def _as_detections(value: Iterable[Detection]) -> tuple[Detection, ...]:
-    return tuple(value)
+def _check_camera(_: object, __: attrs.Attribute[Any], value: object) -> None:
+    if not (value is None or isinstance(value, Camera)):
+        msg = f"`camera` must be a Camera; got {type(value).__name__}."
+        raise TypeError(msg)
 
 
 @attrs.frozen(eq=False)
@@ -49,9 +46,7 @@ class Frame:
     'a'
     """
 
-    detections: tuple[Detection, ...] = attrs.field(
-        converter=_as_detections, validator=_check_detections
-    )
+    detections: tuple[Detection, ...] = attrs.field(converter=check_detections)
     depth: Depth = attrs.field(validator=_check_depth)
-    camera: Camera | None = attrs.field(default=None, kw_only=True)
+    camera: Camera | None = attrs.field(default=None, kw_only=True, validator=_check_camera)
     name: str = attrs.field(default="", kw_only=True)

@@ -11,7 +11,7 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from imgscale._checks import nan_as_none
+from imgscale._checks import check_type, nan_as_none
 from imgscale._format import with_error
 from imgscale._typing import Box, DepthKind, FitMethod, FloatArray, ImageSize, SizeAxis
 from imgscale.camera import Camera
@@ -65,6 +65,8 @@ class Reference:
         Weight that it kept in the fit of log k: 1 / variance, less where it disagrees.
     weight : float
         Its share in k, 0 to 1; shares sum to 1 (with the camera's, where that is a witness).
+    mixed : bool
+        True where two surfaces share its box, so that the depth may be that of the other.
     reason : str
         Why it was not used: "no prior", "partial", "no depth" or "outlier"; empty where it was.
     """
@@ -85,6 +87,7 @@ class Reference:
     z_score: float = attrs.field(eq=nan_as_none)
     precision: float = attrs.field(eq=nan_as_none)
     weight: float = attrs.field(eq=nan_as_none)
+    mixed: bool
     reason: str
 
     @property
@@ -275,7 +278,7 @@ class ScaleModel:
         >>> float(metric.values[0, 0].round(2))
         5.0
         """
-        camera.check_image_size(depth.image_size)
+        check_type("camera", camera, Camera).check_image_size(depth.image_size)
         return DepthMap(
             camera.focal_px * self.scale_map(depth),
             kind="metric",
@@ -351,11 +354,16 @@ class ScaleModel:
         Raises
         ------
         ValueError
-            If the record is of another schema.
+            If the record is of another schema or lacks a field.
         """
         fields = dict(record)
         if fields.pop("schema", None) != _SCHEMA:
             msg = f"`record` must have schema {_SCHEMA}; got {record.get('schema')!r}."
+            raise ValueError(msg)
+        names = {field.name for field in attrs.fields(cls)}
+        if fields.keys() != names:
+            odd = ", ".join(sorted(fields.keys() ^ names))
+            msg = f"`record` must have the fields that `to_dict` writes; got others: {odd}."
             raise ValueError(msg)
         fields["references"] = tuple(_reference(item) for item in fields["references"])
         fields["flags"] = flags_of(fields["flags"])
@@ -376,6 +384,8 @@ class ScaleModel:
         candidates = sum(ref.reason != "no prior" for ref in self.references)
         noun = "reference" if candidates == 1 else "references"
         text = f"{_k_text(self)} ({law.k_meaning}) from {used} of {candidates} {noun}"
+        if self.camera_precision:
+            text += " and the camera's focal length"
         for title, wanted in (("not used", True), ("without a prior", False)):
             names = [
                 f"{name} ({ref.reason})" if wanted else name
@@ -427,7 +437,7 @@ def numbered_labels(labels: Sequence[str]) -> list[str]:
 def _k_text(model: ScaleModel) -> str:
     """Write k with its error, in powers of ten where it is small."""
     unit = LAWS[model.kind].k_unit
-    if model.k >= 1e-3 or not model.k > 0:
+    if 1e-3 <= model.k < 1e6:
         return f"k = {with_error(model.k, model.k_std)} {unit}"
     exponent = math.floor(math.log10(model.k))
     factor = 10.0**exponent

@@ -15,7 +15,7 @@ import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths, check_depth_type
-from imgscale.detection import Detection, check_detections
+from imgscale.detection import Detection
 from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
 from imgscale.laws import LAWS
 from imgscale.noise import UNKNOWN_DEPTH_REL, Noise
@@ -133,11 +133,12 @@ def observe(
     ValueError
         If a box or mask does not belong to the image, or there is not one depth per detection.
     TypeError
-        If something is no detection, or depth is not one of the depth types.
+        If depth is not one of the depth types.
     """
     depth = usable_depth(depth)
     boxes = _boxes(detections)
     _check_in_image(boxes, depth)
+    _check_masks(detections, depth)
     extents: dict[SizeAxis, FloatArray] = {name: pixel_extent(boxes, name) for name in SIZE_AXES}
     choice = [_witness(d.label, i, extents, priors, noise, axis) for i, d in enumerate(detections)]
     pixels = np.array([extents[c.axis][i] for i, c in enumerate(choice)], dtype=np.float64)
@@ -236,7 +237,6 @@ class _Witness(NamedTuple):
 
 
 def _boxes(detections: Sequence[Detection]) -> FloatArray:
-    check_detections(detections)
     return np.array([d.xyxy for d in detections], dtype=np.float64).reshape(-1, 4)
 
 
@@ -254,6 +254,19 @@ def _check_in_image(boxes: FloatArray, depth: DepthMap | ObjectDepths) -> None:
             "clip boxes that a detector drew beyond the border."
         )
         raise ValueError(msg)
+
+
+def _check_masks(detections: Sequence[Detection], depth: DepthMap | ObjectDepths) -> None:
+    if depth.image_size is None:
+        return
+    width, height = depth.image_size
+    for index, detection in enumerate(detections):
+        if detection.mask is not None and detection.mask.shape != (height, width):
+            msg = (
+                f"`mask` must have the shape of the image, {(height, width)}; "
+                f"got {detection.mask.shape} at index {index}."
+            )
+            raise ValueError(msg)
 
 
 def _witness(
@@ -315,7 +328,7 @@ def _depths(
         values = depth.values.astype(np.float64)
     else:
         told = UNKNOWN_DEPTH_REL
-        samples = [_sample(detection, index, depth) for index, detection in enumerate(detections)]
+        samples = [_sample(detection, depth) for detection in detections]
         values = np.array([sample.value for sample in samples], dtype=np.float64)
         own = np.array([sample.rel_std for sample in samples], dtype=np.float64)
         mixed = np.array([sample.mixed for sample in samples], dtype=np.bool_)
@@ -323,14 +336,7 @@ def _depths(
     return values, np.hypot(own, depth_rel), mixed
 
 
-def _sample(detection: Detection, index: int, depth: DepthMap) -> DepthSample:
-    width, height = depth.image_size
-    if detection.mask is not None and detection.mask.shape != (height, width):
-        msg = (
-            f"`mask` must have the shape of the image, {(height, width)}; "
-            f"got {detection.mask.shape} at index {index}."
-        )
-        raise ValueError(msg)
+def _sample(detection: Detection, depth: DepthMap) -> DepthSample:
     return sample_surface(
         depth.values,
         detection.xyxy,

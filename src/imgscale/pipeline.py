@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from imgscale._typing import FitMethod, ImageArray, ImageSize, SizeAxis
 from imgscale.camera import Camera
 from imgscale.depth import Depth, check_depth_type
-from imgscale.detection import Detection
+from imgscale.detection import Detection, check_detections
 from imgscale.estimate import SizeEstimate
 from imgscale.fitting import fit
 from imgscale.model import ScaleModel
@@ -121,8 +121,9 @@ def measure(
     (640, 480)
     """
     pixels = _upright_rgb(image)
-    detections = tuple(detector(pixels))
-    depth = check_depth_type(depth_source(pixels))
+    # a copy for each, which it may draw on
+    detections = check_detections(detector(pixels.copy()))
+    depth = check_depth_type(depth_source(pixels.copy()))
     size = (pixels.shape[1], pixels.shape[0])
     if depth.image_size not in {None, size}:
         msg = (
@@ -157,8 +158,16 @@ def _upright_rgb(image: object) -> ImageArray:
 
     if isinstance(image, (str, PathLike)):
         with Image.open(Path(cast("str | PathLike[str]", image))) as opened:
-            return np.asarray(ImageOps.exif_transpose(opened).convert("RGB"))
+            return _eight_bits(ImageOps.exif_transpose(opened))
     if isinstance(image, Image.Image):
-        return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
+        return _eight_bits(ImageOps.exif_transpose(image))
     msg = f"`image` must be a path, an array or a PIL image; got {type(image).__name__}."
     raise TypeError(msg)
+
+
+def _eight_bits(image: PillowImage) -> ImageArray:
+    """Turn a picture into RGB; deeper ones would be clipped."""
+    if image.mode[0] in "IF":
+        msg = f'`image` must have 8 bits per channel; got mode "{image.mode}". Scale it first.'
+        raise ValueError(msg)
+    return np.asarray(image.convert("RGB"))

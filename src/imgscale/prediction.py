@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from imgscale._checks import check_choice
+from imgscale._checks import check_choice, check_type
 from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
 from imgscale.depth import Depth, DepthMap, ObjectDepths
-from imgscale.detection import Detection
+from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
 from imgscale.estimate import SizeEstimate
 from imgscale.estimator import LogObservations, Subjects, fuse_with_prior, view_from_others
@@ -63,17 +63,20 @@ def predict(
     ------
     ValueError
         If `depth` is missing or an argument breaks its law.
+    TypeError
+        If an argument is of the wrong type.
     DepthMismatchError
         If `depth` is of another kind or image size than the model's or, unless the kind is metric,
         another map.
     FitError
-        If ``depth="mean"`` and the model has fewer than two references.
+        If ``depth="mean"`` and the model has fewer than two references, or all at one depth.
 
     Notes
     -----
     log H = log k + log(d p), with the variance of log k plus those of box and depth. A detection
-    that was a reference shares its errors with k: its row is that of the joint fit, flagged
-    REFERENCE.
+    that was a reference shares its errors with k, which its variance takes into account; it is
+    flagged REFERENCE. With `use_prior` its row is the posterior of the joint fit. A prior is not
+    fused with a partial object, which it does not describe, nor with a rejected reference.
 
     Examples
     --------
@@ -92,12 +95,14 @@ def predict(
     ValueError: `depth` is missing; pass the map, or depth="mean" for the paper's rule.
     """
     check_choice("axis", axis, SIZE_AXES)
+    check_type("model", model, ScaleModel)
+    detections = check_detections(detections)
     if depth is None:
         msg = '`depth` is missing; pass the map, or depth="mean" for the paper\'s rule.'
         raise ValueError(msg)
     shared_flags = Flag(0)
     if isinstance(depth, str):
-        check_choice("depth", depth, ("mean",))
+        _check_rule(depth)
         depth = _at_mean_depth(model, len(detections))
         shared_flags = Flag.MEAN_DEPTH
     model.check_depth(depth, same_scale=same_scale)
@@ -161,15 +166,21 @@ def estimate_observed(
     variance = (model.k_std / model.k) ** 2 + obs.noise_var - 2 * share * common
     fused = np.zeros(own.size, dtype=np.bool_)
     if use_prior:
-        # the prior of a rejected reference does not hold for it
+        # the prior of a whole object says nothing of a visible part or a rejected reference
         rejected = [ref is not None and ref.reason == OUTLIER for ref in mine]
-        fused = ~np.isnan(obs.prior_m) & ~np.array(rejected, dtype=np.bool_)
+        fused = ~(np.isnan(obs.prior_m) | obs.partial | np.array(rejected, dtype=np.bool_))
         joint = _with_prior(model, detections, obs, np.where(same_axis, own, -1))
         log_size, variance = np.where(fused, joint, (log_size, variance))
     size_m = np.exp(log_size)
     std_m = size_m * np.sqrt(np.maximum(variance, 0.0))
     row_flags = _row_flags(obs, share > 0, fused, flags)
     return _estimates(model, detections, obs, size_m, std_m, row_flags)
+
+
+def _check_rule(word: str) -> None:
+    if word != "mean":
+        msg = f'`depth` must be a DepthMap, ObjectDepths or "mean"; got {word!r}.'
+        raise ValueError(msg)
 
 
 def _at_mean_depth(model: ScaleModel, count: int) -> ObjectDepths:
@@ -184,6 +195,12 @@ def _at_mean_depth(model: ScaleModel, count: int) -> ObjectDepths:
     logs = np.log(LAWS[model.kind].relative_distance(np.array(used), model.shift))
     # of a new object, and of a scatter that few depths show: Student's 95 % quantile over the
     # normal's, by its Cornish-Fisher expansion
+    if np.ptp(logs) == 0:
+        msg = (
+            'depth="mean" must rest on references at different depths, whose scatter is its '
+            f"error; got {len(used)} at {used[0]:g}."
+        )
+        raise FitError(msg)
     dof = logs.size - 1
     small_sample = 1 + 0.926 / dof + 0.863 / dof**2 + 0.598 / dof**3
     scatter = float(np.std(logs, ddof=1)) * math.sqrt(1 + 1 / logs.size)
@@ -261,6 +278,7 @@ def _joint_fit(
         tau=np.array(tau, dtype=np.float64),
         image=np.zeros(precision.size, dtype=np.intp),
         group=np.array(group, dtype=np.intp),
+        firm=np.zeros(precision.size, dtype=np.bool_),
     )
     return log_obs, precision, keys
 
@@ -297,7 +315,7 @@ def _estimates(
 ) -> list[SizeEstimate]:
     """Gather the columns into results."""
     scale = model.metres_per_pixel(obs.depth)
-    focal_px = model.focal_px
+    distance = _distances(model, obs, scale)
     return [
         SizeEstimate(
             label=detection.label,
@@ -306,8 +324,21 @@ def _estimates(
             std_m=float(std_m[row]),
             metres_per_pixel=float(scale[row]),
             depth=float(obs.depth[row]),
-            distance_m=None if focal_px is None else focal_px * float(scale[row]),
+            distance_m=None if distance is None else float(distance[row]),
             flags=flags[row],
         )
         for row, detection in enumerate(detections)
     ]
+
+
+def _distances(model: ScaleModel, obs: Observations, scale: FloatArray) -> FloatArray | None:
+    """z-depths in metres: focal length x metres per pixel, or what metric depth itself says."""
+    if model.kind != "metric":
+        return None if model.focal_px is None else model.focal_px * scale
+    if model.camera is None:
+        return obs.depth
+    # f k is the map's scale error times the focal length's: the map takes its share of it
+    map_var, focal_var = model.scale_rel_std**2, model.camera.focal_rel_std**2
+    share = map_var / (map_var + focal_var) if map_var else 0.0
+    distance: FloatArray = obs.depth * (model.camera.focal_px * model.k) ** share
+    return distance

@@ -79,7 +79,7 @@ def _rows_of_region(rows: list[ObjectPrior], region: Region, name: str) -> list[
     if lost:
         msg = (
             f'{name} must have a row for region "world" or "{region}" of every label; '
-            f"got none for {', '.join(lost)}."
+            f"got none for {', '.join(lost)}. Read the file with its region."
         )
         raise ValueError(msg)
     return [

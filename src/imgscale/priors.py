@@ -8,7 +8,7 @@ from os import PathLike
 
 import attrs
 
-from imgscale._checks import check_choice
+from imgscale._checks import check_choice, check_iterable
 from imgscale._tables import read_table, shipped_table, write_table
 from imgscale._typing import Region
 from imgscale.object_prior import REGIONS, SHIPPED, ObjectPrior, normal_label
@@ -20,7 +20,12 @@ _PAPER = "paper_table_3_2.csv"
 
 
 def _as_priors(value: Iterable[ObjectPrior]) -> tuple[ObjectPrior, ...]:
+    check_iterable("priors", value, "ObjectPrior")
     return tuple(value)
+
+
+def _count(rows: tuple[ObjectPrior, ...]) -> str:
+    return f"<{len(rows)} rows>"
 
 
 def _check_priors(_: object, __: object, value: tuple[object, ...]) -> None:
@@ -58,7 +63,9 @@ class PriorTable:
     False
     """
 
-    priors: tuple[ObjectPrior, ...] = attrs.field(converter=_as_priors, validator=_check_priors)
+    priors: tuple[ObjectPrior, ...] = attrs.field(
+        converter=_as_priors, validator=_check_priors, repr=_count
+    )
 
     def __attrs_post_init__(self) -> None:
         _ = self._rows  # raises where a name belongs to two labels
@@ -112,17 +119,24 @@ class PriorTable:
 
     def with_prior(self, prior: ObjectPrior) -> PriorTable:
         """
-        Put one row in, in place of all rows of its label.
+        Put one row in, in place of all rows of its label, on every axis.
 
         Parameters
         ----------
         prior : ObjectPrior
-            The new row. Names that it shares with other labels become its own.
+            The new row. Aliases of other labels that it claims become its own.
 
         Returns
         -------
         PriorTable
             A new table.
+
+        Raises
+        ------
+        ValueError
+            If one of its aliases is another label.
+        TypeError
+            If it is no prior.
 
         Examples
         --------
@@ -132,13 +146,13 @@ class PriorTable:
         [2.031]
         """
         _check_priors(None, None, (prior,))
-        taken = set(prior.names)
         kept = [
             attrs.evolve(
-                row, aliases=[name for name in row.aliases if normal_label(name) not in taken]
+                row,
+                aliases=[name for name in row.aliases if normal_label(name) not in prior.names],
             )
             for row in self.priors
-            if normal_label(row.label) not in taken
+            if normal_label(row.label) != normal_label(prior.label)
         ]
         return PriorTable([*kept, prior])
 
@@ -221,7 +235,7 @@ class PriorTable:
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """
-        Write the table to a file that `from_csv` reads back.
+        Write the table to a file that `from_csv` reads back, with the region it was made for.
 
         Parameters
         ----------

@@ -118,6 +118,7 @@ def _reference(
         prior_std_m=float(obs.prior_std_m[row]),
         prior_mean_std_m=float(obs.prior_mean_std_m[row]),
         noise_rel=math.sqrt(obs.noise_var[row]),
+        mixed=bool(obs.mixed[row]),
         reason=reason,
         **own,
     )

@@ -15,7 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from imgscale._typing import AnyFloatArray, BoolArray, Box, DepthKind, FloatArray, ImageSize
+from imgscale._typing import (
+    AnyFloatArray,
+    BoolArray,
+    Box,
+    DepthKind,
+    FloatArray,
+    ImageSize,
+    IntArray,
+)
 from imgscale.depth import valid_depths
 
 # The central half of the box in each direction: on LiDAR maps of cars and people it errs least.
@@ -84,7 +92,8 @@ def sample_surface(
         NaN where no pixel is valid.
     """
     shares = (_CORE_SHARE, 1.0)  # the whole box only where the core has no depth at all
-    pixels = [values[_window(values.shape, box, image_size, share)] for share in shares]
+    windows = [_window(values.shape, box, image_size, share) for share in shares]
+    pixels = [_thinned(values[window]) for window in windows]
     if mask is not None:
         on_mask = _masked(values, box, mask, image_size)
         if on_mask.size:  # else it is thinner than a pixel of the map
@@ -113,10 +122,15 @@ def _window(
         return first, max(min(last, length), first + 1)
 
     x1, y1, x2, y2 = box
-    top, bottom = span(y1, y2, image_size[1], shape[0])
-    left, right = span(x1, x2, image_size[0], shape[1])
-    step = max(1, math.isqrt((bottom - top) * (right - left) // _MAX_PIXELS))
-    return slice(top, bottom, step), slice(left, right, step)
+    return slice(*span(y1, y2, image_size[1], shape[0])), slice(
+        *span(x1, x2, image_size[0], shape[1])
+    )
+
+
+def _thinned(window: AnyFloatArray) -> AnyFloatArray:
+    """Leave out rows and columns of a large window alike."""
+    step = max(1, math.isqrt(window.size // _MAX_PIXELS))
+    return window[::step, ::step]
 
 
 def _masked(
@@ -124,14 +138,16 @@ def _masked(
 ) -> AnyFloatArray:
     """Collect the map's pixels whose centres lie on the mask, in the box."""
     rows, columns = _window(values.shape, box, image_size, 1.0)
-    row_centres: FloatArray = (np.arange(values.shape[0], dtype=np.float64)[rows] + 0.5) * (
-        image_size[1] / values.shape[0]
-    )
-    column_centres: FloatArray = (np.arange(values.shape[1], dtype=np.float64)[columns] + 0.5) * (
-        image_size[0] / values.shape[1]
-    )
-    on_object = mask[np.ix_(row_centres.astype(np.intp), column_centres.astype(np.intp))]
-    return values[rows, columns][on_object]
+    row_centres = _centres(rows, image_size[1] / values.shape[0])
+    column_centres = _centres(columns, image_size[0] / values.shape[1])
+    on_object = values[rows, columns][mask[np.ix_(row_centres, column_centres)]]
+    return on_object[:: max(1, on_object.size // _MAX_PIXELS)]
+
+
+def _centres(span: slice, scale: float) -> IntArray:
+    """Find the image's pixels that hold the centres of the map's."""
+    indices: FloatArray = (np.arange(span.start, span.stop, dtype=np.float64) + 0.5) * scale
+    return indices.astype(np.intp)
 
 
 def _dominant(seen: AnyFloatArray, nearness: int) -> DepthSample:

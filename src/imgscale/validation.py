@@ -8,7 +8,7 @@ from typing import Unpack
 import numpy as np
 
 from imgscale.depth import Depth
-from imgscale.detection import Detection
+from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
 from imgscale.estimate import SizeEstimate
 from imgscale.fitting import FitOptions, fit_observed, observe_references
@@ -72,12 +72,11 @@ def leave_one_out(
     door: height 1.97 +- 0.07 m
     table: height 0.750 +- 0.017 m
     """
+    detections = check_detections(detections)
     obs, setting = observe_references(detections, depth, priors, **fit_options)
-    rows = np.arange(len(detections))
-    nobody = np.full(rows.size, -1, dtype=np.intp)
-    own = np.where(np.isin(rows, obs.eligible), rows, nobody)
+    nobody = np.full(len(detections), -1, dtype=np.intp)  # none of them was in its own fit
     estimates = estimate_observed(
-        fit_observed(detections, obs, setting), detections, obs, own=own, use_prior=use_prior
+        fit_observed(detections, obs, setting), detections, obs, own=nobody, use_prior=use_prior
     )
     for row in (int(index) for index in obs.eligible):
         reasons = list(obs.reason)
