@@ -15,7 +15,7 @@ from PIL import Image
 
 import imgscale as ims
 from imgscale import Camera, DepthMap, Detection, Frame, GroundPlane, ObjectDepths
-from imgscale.depth import valid_depths
+from imgscale._depth_values import valid_depths
 
 VALUE_KINDS = ("metric", "relative", "inverse", "affine_inverse")
 POSITIVE_KINDS = VALUE_KINDS[:3]

@@ -606,11 +606,10 @@ def test_plausible_focal_lengths_are_a_third_to_six_image_sides(focal, implausib
     assert (Flag.IMPLAUSIBLE_FOCAL in model.flags) is implausible
 
 
-def test_without_image_size_or_metric_depth_no_focal_length_is_judged():
+def test_without_metric_depth_no_focal_length_is_judged():
     heights, z = [0.5, 0.7], np.array([2000.0, 3000.0])
     detections, priors = poles(heights, z / 1000), exact_priors(heights)
     for depth in (
-        ims.ObjectDepths(z, kind="metric"),
         relative(z, image_size=SIZE),
         ims.ObjectDepths(1 / z, kind="inverse", image_size=SIZE),
     ):

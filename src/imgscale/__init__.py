@@ -12,13 +12,14 @@ from imgscale.estimate import SizeEstimate
 from imgscale.fitting import fit
 from imgscale.flags import Flag
 from imgscale.frame import Frame
-from imgscale.model import Reference, ScaleModel
+from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.object_prior import ObjectPrior
 from imgscale.pipeline import Measurement, measure
 from imgscale.prediction import predict
 from imgscale.priors import PriorTable
 from imgscale.protocols import DepthSource, Detector
+from imgscale.reference import Reference
 from imgscale.validation import leave_one_out
 
 __all__ = [

@@ -18,7 +18,7 @@ from imgscale.errors import FitError
 from imgscale.estimator import MIN_VARIANCE, LogFit, LogObservations, fit_robust, log_k_std
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
-from imgscale.model import OUTLIER, Reference, ScaleModel, numbered_labels
+from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.observations import (
     NO_DEPTH,
@@ -29,6 +29,7 @@ from imgscale.observations import (
     usable_depth,
 )
 from imgscale.priors import PriorTable
+from imgscale.reference import OUTLIER, Reference, numbered_labels
 from imgscale.referencing import explain_references
 
 __all__ = ["fit"]
@@ -37,6 +38,7 @@ METHODS: tuple[FitMethod, ...] = get_args(FitMethod)
 # References whose mean square residual is this much above their errors' are reported.
 _INCONSISTENT_SCATTER = 4.0
 _CONFLICT_Z = 3.0
+_LARGEST_PHOTO_PX = 20_000.0
 
 
 def fit(
@@ -388,12 +390,13 @@ def _implausible_focal(references: Sequence[Reference], solution: LogFit, settin
     focals = [] if setting.camera is None else [setting.camera.focal_px]
     if setting.kind == "metric":
         focals.append(math.exp(-float(solution.log_k[0])))
-    low, high = PLAUSIBLE_FOCAL
-    if setting.image_size is None:  # the boxes bound the image's side from below
-        side = max((max(ref.xyxy) for ref in references), default=0.0)
-        return any(focal < low * side for focal in focals)
-    side = max(setting.image_size)
-    return any(not low * side <= focal <= high * side for focal in focals)
+    if setting.image_size:
+        smallest = largest = float(max(setting.image_size))
+    else:  # somewhere between the boxes and the largest photos
+        smallest = max((max(ref.xyxy) for ref in references), default=0.0)
+        largest = max(smallest, _LARGEST_PHOTO_PX)
+    low, high = PLAUSIBLE_FOCAL[0] * smallest, PLAUSIBLE_FOCAL[1] * largest
+    return any(not low <= focal <= high for focal in focals)
 
 
 def _no_reference(detections: Sequence[Detection], obs: Observations) -> str:

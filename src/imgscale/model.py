@@ -1,10 +1,9 @@
-"""The fitted model and what each detection said of it. No solving."""
+"""The fitted model: k and what it rests on. No solving."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import attrs
@@ -12,88 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imgscale._checks import check_type, nan_as_none
+from imgscale._depth_values import valid_depths
 from imgscale._format import with_error
-from imgscale._typing import Box, DepthKind, FitMethod, FloatArray, ImageSize, SizeAxis
+from imgscale._typing import DepthKind, FitMethod, FloatArray, ImageSize
 from imgscale.camera import Camera
-from imgscale.depth import Depth, DepthMap, check_depth_type, valid_depths
+from imgscale.depth import Depth, DepthMap, check_depth_type
 from imgscale.errors import DepthMismatchError
 from imgscale.flags import Flag, flag_names, flags_of
 from imgscale.laws import LAWS
 from imgscale.noise import Noise
 from imgscale.object_prior import ObjectPrior
 from imgscale.priors import PriorTable
+from imgscale.reference import Reference, numbered_labels
 
-__all__ = ["OUTLIER", "Reference", "ScaleModel"]
-
-OUTLIER = "outlier"
+__all__ = ["ScaleModel"]
 
 _SCHEMA = 1
-
-
-@attrs.frozen(kw_only=True)
-class Reference:
-    """
-    What one detection given to `fit` said of the scale.
-
-    Attributes
-    ----------
-    label : str
-        Its label.
-    xyxy : tuple of float
-        Its box, in pixels.
-    axis : str
-        The axis through which it is a witness.
-    pixels : float
-        Its extent along that axis, in pixels.
-    depth : float
-        Its depth, in the unit of the depth given; NaN where there is none.
-    metres_per_pixel : float
-        Its own height per pixel, prior mean over pixels, in m/px; NaN without a prior.
-    k : float
-        The k that it alone gives, NaN without prior or depth.
-    prior_m, prior_std_m, prior_mean_std_m : float
-        Its prior: mean, spread between individuals and standard error of the mean, in metres, of
-        the mixture where the label has several rows; NaN without a prior.
-    noise_rel : float
-        Relative standard error of box and depth together; NaN without a depth.
-    posterior_m, posterior_std_m : float
-        Its size in the light of all references, in metres; NaN where it is no candidate.
-    z_score : float
-        Residual of log size against all other references, in standard errors; NaN where there is
-        no other.
-    precision : float
-        Weight that it kept in the fit of log k: 1 / variance, less where it disagrees.
-    weight : float
-        Its share in k, 0 to 1; shares sum to 1 (with the camera's, where that is a witness).
-    mixed : bool
-        True where two surfaces share its box, so that the depth may be that of the other.
-    reason : str
-        Why it was not used: "no prior", "partial", "no depth" or "outlier"; empty where it was.
-    """
-
-    label: str
-    xyxy: Box
-    axis: SizeAxis
-    pixels: float = attrs.field(eq=nan_as_none)
-    depth: float = attrs.field(eq=nan_as_none)
-    metres_per_pixel: float = attrs.field(eq=nan_as_none)
-    k: float = attrs.field(eq=nan_as_none)
-    prior_m: float = attrs.field(eq=nan_as_none)
-    prior_std_m: float = attrs.field(eq=nan_as_none)
-    prior_mean_std_m: float = attrs.field(eq=nan_as_none)
-    noise_rel: float = attrs.field(eq=nan_as_none)
-    posterior_m: float = attrs.field(eq=nan_as_none)
-    posterior_std_m: float = attrs.field(eq=nan_as_none)
-    z_score: float = attrs.field(eq=nan_as_none)
-    precision: float = attrs.field(eq=nan_as_none)
-    weight: float = attrs.field(eq=nan_as_none)
-    mixed: bool
-    reason: str
-
-    @property
-    def used(self) -> bool:
-        """True where it carried the fit."""
-        return not self.reason
 
 
 @attrs.frozen(kw_only=True)
@@ -409,29 +342,6 @@ class ScaleModel:
             f"<table><caption>{html.escape(str(self))}</caption><tr><th>object</th><th>pixels</th>"
             f"<th>depth</th><th>share in k</th><th>reference</th></tr>{rows}</table>"
         )
-
-
-def numbered_labels(labels: Sequence[str]) -> list[str]:
-    """
-    Tell objects of one label apart by a number.
-
-    Parameters
-    ----------
-    labels : sequence of str
-        Labels in order.
-
-    Returns
-    -------
-    list of str
-        "car 1", "car 2"; a label that occurs once stays as it is.
-    """
-    totals = Counter(labels)
-    seen: Counter[str] = Counter()
-    names: list[str] = []
-    for label in labels:
-        seen[label] += 1
-        names.append(f"{label} {seen[label]}" if totals[label] > 1 else label)
-    return names
 
 
 def _k_text(model: ScaleModel) -> str:

@@ -97,7 +97,8 @@ class ObjectPrior:
         Standard error of the mean itself, in metres, >= 0: which country, which population. All
         references of one label share this deviation.
     axis : str
-        "height", "width" or "diameter" (the longer side of a round object's box).
+        "height", "width" or "diameter": the longer side of the box, of a round object or of a flat
+        one that lies either way up.
     on_ground : bool
         True where the lower edge of the box is where the object meets the ground.
     depth_extent_m : float or None

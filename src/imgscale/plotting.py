@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
-
+from imgscale._format import digits_for
 from imgscale._optional import require
 from imgscale._typing import ImageArray
 from imgscale.detection import Detection
@@ -22,7 +22,8 @@ __all__ = ["draw_sizes"]
 _REFERENCE_COLOUR = "#56B4E9"
 _UNKNOWN_COLOUR = "#E69F00"
 _PURPOSE = "Drawing"
-_PIXELS_PER_INCH = 100
+_INCHES = 10.0
+_LEAST_DPI = 100.0
 
 
 def draw_sizes(
@@ -37,7 +38,7 @@ def draw_sizes(
     Draw boxes with their sizes on a photo.
 
     References have a solid blue box, other objects a dashed orange one. Each carries its label,
-    its size and the half width of its interval.
+    its size and its interval.
 
     Parameters
     ----------
@@ -72,11 +73,9 @@ def draw_sizes(
     axes: Any = _photo_axes(image.shape[1], image.shape[0]) if ax is None else ax
     axes.imshow(image)
     axes.set_axis_off()
-    # lower boxes first, so that the label of an upper one may give way upwards
-    order = sorted(range(len(detections)), key=lambda i: -detections[i].xyxy[1])
-    taken: list[Any] = []
-    for index in order:
-        detection, estimate = detections[index], estimates[index]
+    extents = [_display_extent(axes, detection) for detection in detections]
+    labels: list[Any] = []
+    for index, (detection, estimate) in enumerate(zip(detections, estimates, strict=True)):
         known = Flag.REFERENCE in estimate.flags
         colour = _REFERENCE_COLOUR if known else _UNKNOWN_COLOUR
         x1, y1, x2, y2 = detection.xyxy
@@ -85,7 +84,9 @@ def draw_sizes(
             linestyle="-" if known else "--",
         )  # fmt: skip
         axes.add_patch(box)
-        taken.append(_place_text(axes, detection, _size_text(estimate, level), colour, taken))
+        others = [*extents[:index], *extents[index + 1 :]]
+        text = _size_text(estimate, level)
+        labels.append(_place_text(axes, extents[index], text, colour, labels, others))
     handles = [
         lines.Line2D([], [], color=_REFERENCE_COLOUR, linewidth=2, label="known size (reference)"),
         lines.Line2D([], [], color=_UNKNOWN_COLOUR, linewidth=2, linestyle="--", label="measured"),
@@ -95,58 +96,77 @@ def draw_sizes(
 
 
 def _photo_axes(width: int, height: int) -> Any:
-    """Make axes that a photo fills, without the global state of pyplot."""
+    """Make axes that a photo fills pixel by pixel, without the global state of pyplot."""
     figure_module = require("matplotlib.figure", extra="plot", purpose=_PURPOSE)
-    inches = 10.0
-    figure = figure_module.Figure(figsize=(inches, inches * height / width), dpi=_PIXELS_PER_INCH)
-    agg = require("matplotlib.backends.backend_agg", extra="plot", purpose=_PURPOSE)
-    agg.FigureCanvasAgg(figure)  # a canvas that can measure text; it stays with the figure
+    longer = max(width, height)
+    size = (_INCHES * width / longer, _INCHES * height / longer)
+    figure = figure_module.Figure(figsize=size, dpi=max(_LEAST_DPI, longer / _INCHES))
     return figure.add_axes((0, 0, 1, 1))
 
 
 def _size_text(estimate: SizeEstimate, level: float) -> str:
-    if np.isnan(estimate.size_m):
+    """Write label, size and interval, to the digits that its error justifies."""
+    if math.isnan(estimate.size_m):
         return f"{estimate.label}\nno depth"
     low, high = estimate.interval(level)
-    return f"{estimate.label}\n{estimate.size_m:.2f} m ({low:.2f} to {high:.2f})"
+    digits = digits_for(estimate.std_m) if estimate.std_m > 0 else 3
+    return (
+        f"{estimate.label}\n{estimate.size_m:.{digits}f} m ({low:.{digits}f} to {high:.{digits}f})"
+    )
 
 
-def _place_text(ax: Any, detection: Detection, text: str, colour: str, taken: Sequence[Any]) -> Any:
-    """Write a label beside or inside its box, at the place that covers least; return its extent."""
+def _display_extent(ax: Any, detection: Detection) -> Any:
+    """Give the box in the picture's own pixels, y upwards."""
+    transforms = require("matplotlib.transforms", extra="plot", purpose=_PURPOSE)
     x1, y1, x2, y2 = detection.xyxy
-    gap = 6
+    return transforms.Bbox(ax.transData.transform([(x1, y2), (x2, y1)]))
+
+
+def _place_text(
+    ax: Any, box: Any, text: str, colour: str, labels: Sequence[Any], boxes: Sequence[Any]
+) -> Any:
+    """Write a label beside or inside its box, at the place that covers least; return its extent."""
+    gap = 0.05 * ax.figure.dpi
     places = (
-        (x1, y1 - gap, "left", "bottom"),
-        (x2, y1 - gap, "right", "bottom"),
-        (x1, y2 + gap, "left", "top"),
-        (x2, y2 + gap, "right", "top"),
-        (x2 + gap, y1, "left", "top"),
-        (x1 - gap, y1, "right", "top"),
-        (x1 + gap, y1 + gap, "left", "top"),
+        (box.x0, box.y1 + gap, "left", "bottom"),
+        (box.x1, box.y1 + gap, "right", "bottom"),
+        (box.x0, box.y0 - gap, "left", "top"),
+        (box.x1, box.y0 - gap, "right", "top"),
+        (box.x1 + gap, box.y1, "left", "top"),
+        (box.x0 - gap, box.y1, "right", "top"),
+        (box.x0 + gap, box.y1 - gap, "left", "top"),
     )
     label = ax.text(
-        x1, y1, text, color="white", fontsize=9, linespacing=1.2,
+        0,
+        0,
+        text,
+        color="white",
+        fontsize=9,
+        linespacing=1.2,
+        parse_math=False,
+        transform=ax.transAxes,
         bbox={"facecolor": "#202020", "edgecolor": colour, "alpha": 0.85, "pad": 2},
-    )  # fmt: skip
-    renderer = ax.figure.canvas.get_renderer()
-    frame = ax.get_window_extent(renderer)
+    )
+    frame = ax.get_window_extent()
 
     def extent_at(place: tuple[float, float, str, str]) -> Any:
         x, y, horizontal, vertical = place
-        label.set_position((x, y))
+        label.set_position(ax.transAxes.inverted().transform((x, y)))
         label.set(horizontalalignment=horizontal, verticalalignment=vertical)
-        return label.get_window_extent(renderer).padded(4)
+        return label.get_window_extent().padded(gap)
 
     def cost(place: tuple[float, float, str, str]) -> float:
         extent = extent_at(place)
         outside = extent.width * extent.height - _common_area(extent, frame)
-        return float(10 * outside + sum(_common_area(extent, other) for other in taken))
+        on_labels = sum(_common_area(extent, other) for other in labels)
+        on_boxes = sum(_common_area(extent, other) for other in boxes)
+        return float(10 * outside + 3 * on_labels + on_boxes)
 
     return extent_at(min(places, key=cost))
 
 
 def _common_area(a: Any, b: Any) -> float:
-    """Area that two extents share, in square display pixels."""
+    """Area that two extents share, in square pixels of the picture."""
     width = min(a.x1, b.x1) - max(a.x0, b.x0)
     height = min(a.y1, b.y1) - max(a.y0, b.y0)
     return float(max(0.0, width) * max(0.0, height))

@@ -18,9 +18,10 @@ from imgscale.estimate import SizeEstimate
 from imgscale.estimator import LogObservations, Subjects, fuse_with_prior, view_from_others
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS
-from imgscale.model import OUTLIER, Reference, ScaleModel
+from imgscale.model import ScaleModel
 from imgscale.object_prior import SIZE_AXES
 from imgscale.observations import MeanKey, Observations, mean_key, observe
+from imgscale.reference import OUTLIER, Reference
 
 __all__ = ["predict"]
 

@@ -180,8 +180,8 @@ class PriorTable:
         Examples
         --------
         >>> from imgscale import PriorTable
-        >>> {row.axis: row.mean_m for row in PriorTable.default().lookup("Id_Card")}
-        {'height': 0.05398, 'width': 0.0856}
+        >>> [(row.axis, row.mean_m) for row in PriorTable.default().lookup("Id_Card")]
+        [('diameter', 0.0856)]
         """
         check_choice("region", region, REGIONS)
         return _shipped_table(region)

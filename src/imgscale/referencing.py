@@ -17,8 +17,8 @@ from imgscale.estimator import (
     fuse_with_prior,
     view_from_others,
 )
-from imgscale.model import OUTLIER, Reference
 from imgscale.observations import Observations
+from imgscale.reference import OUTLIER, Reference
 
 __all__ = ["explain_references"]
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from imgscale._depth_values import valid_depths
 from imgscale._typing import (
     AnyFloatArray,
     BoolArray,
@@ -24,7 +25,6 @@ from imgscale._typing import (
     ImageSize,
     IntArray,
 )
-from imgscale.depth import valid_depths
 
 # The central half of the box in each direction: on LiDAR maps of cars and people it errs least.
 _CORE_SHARE = 0.5

@@ -1,0 +1,104 @@
+"""What one detection said of the scale."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import attrs
+
+from imgscale._checks import nan_as_none
+from imgscale._typing import Box, SizeAxis
+
+__all__ = ["OUTLIER", "Reference", "numbered_labels"]
+
+OUTLIER = "outlier"
+
+
+@attrs.frozen(kw_only=True)
+class Reference:
+    """
+    What one detection given to `fit` said of the scale.
+
+    Attributes
+    ----------
+    label : str
+        Its label.
+    xyxy : tuple of float
+        Its box, in pixels.
+    axis : str
+        The axis through which it is a witness.
+    pixels : float
+        Its extent along that axis, in pixels.
+    depth : float
+        Its depth, in the unit of the depth given; NaN where there is none.
+    metres_per_pixel : float
+        Its own height per pixel, prior mean over pixels, in m/px; NaN without a prior.
+    k : float
+        The k that it alone gives, NaN without prior or depth.
+    prior_m, prior_std_m, prior_mean_std_m : float
+        Its prior: mean, spread between individuals and standard error of the mean, in metres, of
+        the mixture where the label has several rows; NaN without a prior.
+    noise_rel : float
+        Relative standard error of box and depth together; NaN without a depth.
+    posterior_m, posterior_std_m : float
+        Its size in the light of all references, in metres; NaN where it is no candidate.
+    z_score : float
+        Residual of log size against all other references, in standard errors; NaN where there is
+        no other.
+    precision : float
+        Weight that it kept in the fit of log k: 1 / variance, less where it disagrees.
+    weight : float
+        Its share in k, 0 to 1; shares sum to 1 (with the camera's, where that is a witness).
+    mixed : bool
+        True where two surfaces share its box, so that the depth may be that of the other.
+    reason : str
+        Why it was not used: "no prior", "partial", "no depth" or "outlier"; empty where it was.
+    """
+
+    label: str
+    xyxy: Box
+    axis: SizeAxis
+    pixels: float = attrs.field(eq=nan_as_none)
+    depth: float = attrs.field(eq=nan_as_none)
+    metres_per_pixel: float = attrs.field(eq=nan_as_none)
+    k: float = attrs.field(eq=nan_as_none)
+    prior_m: float = attrs.field(eq=nan_as_none)
+    prior_std_m: float = attrs.field(eq=nan_as_none)
+    prior_mean_std_m: float = attrs.field(eq=nan_as_none)
+    noise_rel: float = attrs.field(eq=nan_as_none)
+    posterior_m: float = attrs.field(eq=nan_as_none)
+    posterior_std_m: float = attrs.field(eq=nan_as_none)
+    z_score: float = attrs.field(eq=nan_as_none)
+    precision: float = attrs.field(eq=nan_as_none)
+    weight: float = attrs.field(eq=nan_as_none)
+    mixed: bool
+    reason: str
+
+    @property
+    def used(self) -> bool:
+        """True where it carried the fit."""
+        return not self.reason
+
+
+def numbered_labels(labels: Sequence[str]) -> list[str]:
+    """
+    Tell objects of one label apart by a number.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        Labels in order.
+
+    Returns
+    -------
+    list of str
+        "car 1", "car 2"; a label that occurs once stays as it is.
+    """
+    totals = Counter(labels)
+    seen: Counter[str] = Counter()
+    names: list[str] = []
+    for label in labels:
+        seen[label] += 1
+        names.append(f"{label} {seen[label]}" if totals[label] > 1 else label)
+    return names
