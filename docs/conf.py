@@ -2,6 +2,7 @@
 
 project = "imgscale"
 author = "The imgscale developers"
+copyright = "2026, The imgscale developers"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 autodoc_typehints = "none"  # the docstrings say it in words
