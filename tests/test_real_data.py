@@ -248,7 +248,7 @@ def run_demo(*arguments, cwd, code=None):
     )
 
 
-TABLE_COLUMNS = ["object", "pixels", "distance m", "size m", "90 % interval", "mm per pixel"]
+TABLE_COLUMNS = ["object", "pixels", "distance m", "size m", "90 % interval", "m per pixel"]
 
 
 def assert_is_the_table(text):

@@ -94,7 +94,7 @@ def sizes_table(sizes: Sequence[SizeEstimate]) -> str:
     str
         Object, pixels, distance, size with its 90 % interval, and scale.
     """
-    header = ("object", "pixels", "distance m", "size m", "90 % interval", "mm per pixel", "")
+    header = ("object", "pixels", "distance m", "size m", "90 % interval", "m per pixel", "")
     rows: list[tuple[str, ...]] = []
     for size in sizes:
         low, high = size.interval(0.9)
@@ -105,7 +105,7 @@ def sizes_table(sizes: Sequence[SizeEstimate]) -> str:
                 "-" if size.distance_m is None else f"{size.distance_m:.2f}",
                 f"{size.size_m:.3f}",
                 f"{low:.3f} to {high:.3f}",
-                f"{size.metres_per_pixel * 1000:.2f}",
+                f"{size.metres_per_pixel:.5f}",
                 "reference" if Flag.REFERENCE in size.flags else "",
             )
         )

@@ -87,7 +87,8 @@ def touches_border(boxes: FloatArray, image_size: ImageSize) -> BoolArray:
     Returns
     -------
     (N,) ndarray of bool
-        True where less than a whole pixel of background is left on a side.
+        True where less than a whole pixel of background is left on the left or above, and at most
+        one on the right or below, where boxes of inclusive formats end.
     """
     width, height = image_size
     return (

@@ -28,7 +28,8 @@ __all__ = ["ObjectPrior", "normal_label"]
 SIZE_AXES: tuple[SizeAxis, ...] = ("height", "width", "diameter")
 REGIONS: tuple[Region, ...] = ("world", "eu", "us")
 SHIPPED = "priors_2026_11.csv"
-# A factor that no population of one kind of thing spans, and that every mistaken unit exceeds.
+# A factor that no population of one kind of thing spans, and that centimetres, millimetres and
+# inches exceed; feet (3.3) do not.
 _UNIT_FACTOR = 5.0
 
 

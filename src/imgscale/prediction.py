@@ -97,6 +97,8 @@ def predict(
     """
     check_choice("axis", axis, SIZE_AXES)
     check_type("model", model, ScaleModel)
+    check_type("use_prior", use_prior, bool)
+    check_type("same_scale", same_scale, bool)
     detections = check_detections(detections)
     if depth is None:
         msg = '`depth` is missing; pass the map, or depth="mean" for the paper\'s rule.'

@@ -7,6 +7,7 @@ from typing import Unpack
 
 import numpy as np
 
+from imgscale._checks import check_type
 from imgscale.depth import Depth
 from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
@@ -72,6 +73,7 @@ def leave_one_out(
     door: height 1.97 +- 0.07 m
     table: height 0.750 +- 0.017 m
     """
+    check_type("use_prior", use_prior, bool)
     detections = check_detections(detections)
     obs, setting = observe_references(detections, depth, priors, **fit_options)
     nobody = np.full(len(detections), -1, dtype=np.intp)  # none of them was in its own fit
