@@ -221,8 +221,11 @@ def test_partial_objects_are_measured_and_flagged():
     model = ims.fit(detections, depth, POLE)
     flags = [e.flags for e in ims.predict(model, detections, depth)]
     assert flags == [Flag.REFERENCE, Flag.PARTIAL, Flag.PARTIAL, Flag(0)]
-    unframed = ims.predict(model, detections, relative([6.0] * 4))
-    assert [Flag.PARTIAL in e.flags for e in unframed] == [False, True, False, False]
+    told_by_model = ims.predict(model, detections, relative([6.0] * 4))
+    assert [e.flags for e in told_by_model] == flags
+    unframed = ims.fit(detections, relative([6.0] * 4), POLE)
+    estimates = ims.predict(unframed, detections, relative([6.0] * 4))
+    assert [Flag.PARTIAL in e.flags for e in estimates] == [False, True, False, False]
 
 
 def test_two_surfaces_in_one_box_are_flagged():

@@ -185,7 +185,7 @@ def read_pfm(path):
 
 
 def test_the_front_rim_is_within_five_percent_of_18_inches_and_its_lips(scene):
-    # ecosystem.md 1a: about 0.485 m over the lips of an 18 inch rim
+    # an 18 inch rim, 0.457 m at the bead seat, is about 0.485 m over its lips
     rim = sizes_of(scene.detections, scene.depth, scene)["front rim"]
     low, high = rim.interval(0.9)
     assert rim.size_m == pytest.approx(0.485, rel=0.05)
@@ -195,7 +195,7 @@ def test_the_front_rim_is_within_five_percent_of_18_inches_and_its_lips(scene):
 
 
 def test_cartons_agree_with_the_sizes_read_by_hand_from_the_same_map(scene):
-    # ecosystem.md 1a: with the wheel as anchor 0.354 and 0.483 m, from the box's median depth
+    # with the wheel as anchor and the median depth of the box: 0.354 and 0.483 m
     sizes = sizes_of(scene.detections, scene.depth, scene)
     assert sizes["carton"].size_m == pytest.approx(0.354, rel=0.02)
     assert sizes["tall carton"].size_m == pytest.approx(0.483, rel=0.02)

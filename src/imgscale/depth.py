@@ -54,7 +54,8 @@ class ObjectDepths:
     image_size : (width, height) or None
         Size of the image in pixels. Without it, boxes cut by the image's border are not noticed.
     rel_std : float or None
-        Relative standard error of each value, >= 0; None leaves it to `Noise.depth_rel`.
+        Relative standard error of each value, >= 0, to which a `Noise.depth_rel` that is given adds
+        in quadrature; None leaves it to `Noise.depth_rel` alone.
 
     Raises
     ------

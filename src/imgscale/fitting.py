@@ -27,6 +27,7 @@ from imgscale.observations import (
     Observations,
     observe,
     usable_depth,
+    with_image_size,
 )
 from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference, numbered_labels
@@ -198,6 +199,7 @@ def observe_references(
     """
     usable = usable_depth(depth)
     _check_options(usable, priors, ground, camera, method, noise)
+    usable = with_image_size(usable, camera.image_size if camera else None)
     table = PriorTable.default() if priors is None else priors
     setting = Setting(
         kind=usable.kind,
@@ -337,7 +339,7 @@ def _fit_closed_form(
         log_std=math.sqrt(scatter) * log_k_std(log_obs, share),
         inconsistent=np.array([scatter > _INCONSISTENT_SCATTER]),
         trust=np.ones_like(share),
-        weight=1 / (scatter * log_obs.variance),
+        weight=1 / log_obs.variance,
         share=share,
     )
 
@@ -387,16 +389,16 @@ def _camera_conflicts(obs: Observations, solution: LogFit, setting: Setting) -> 
 
 def _implausible_focal(references: Sequence[Reference], solution: LogFit, setting: Setting) -> bool:
     """Tell whether the implied or the given focal length belongs to no camera that takes photos."""
-    focals = [] if setting.camera is None else [setting.camera.focal_px]
-    if setting.kind == "metric":
-        focals.append(math.exp(-float(solution.log_k[0])))
     if setting.image_size:
         smallest = largest = float(max(setting.image_size))
     else:  # somewhere between the boxes and the largest photos
         smallest = max((max(ref.xyxy) for ref in references), default=0.0)
         largest = max(smallest, _LARGEST_PHOTO_PX)
     low, high = PLAUSIBLE_FOCAL[0] * smallest, PLAUSIBLE_FOCAL[1] * largest
-    return any(not low <= focal <= high for focal in focals)
+    # a camera's may be that of a telephoto or a crop, but never as short as its millimetres
+    too_short = setting.camera is not None and setting.camera.focal_px < low
+    implied = math.exp(-float(solution.log_k[0]))
+    return too_short or (setting.kind == "metric" and not low <= implied <= high)
 
 
 def _no_reference(detections: Sequence[Detection], obs: Observations) -> str:

@@ -25,8 +25,8 @@ class Flag(enum.Flag):
     CAMERA_CONFLICT : Flag
         The focal length given disagrees with references and depth by more than 3 standard errors.
     IMPLAUSIBLE_FOCAL : Flag
-        The focal length implied by metric depth, or the camera's, is outside 0.3 to 6 times the
-        longer image side: a unit is wrong.
+        The focal length implied by metric depth is outside 0.3 to 6 times the longer image side, or
+        the camera's is below: a unit is wrong.
     REFERENCE : Flag
         The object was itself a reference; its prior is in k and is not counted twice.
     PRIOR_USED : Flag

@@ -180,15 +180,16 @@ class ScaleModel:
         Parameters
         ----------
         depth : DepthMap
-            The map that the model was fitted to.
+            The map that the model was fitted to, or for metric depth any map of that scale.
         camera : Camera
             The camera's focal length, in pixels of the image.
 
         Returns
         -------
         DepthMap
-            Metric z-depth, Z = focal length x metres per pixel, with the error of k and of the
-            focal length as its `scale_rel_std`.
+            Metric z-depth, Z = focal length x metres per pixel, with the errors of k and of the
+            focal length, taken as independent, as its `scale_rel_std`. A metric map is put to the
+            references' scale too: where its own is better known, leave it as it is.
 
         Raises
         ------
@@ -251,8 +252,8 @@ class ScaleModel:
         if isinstance(depth, DepthMap) and depth.fingerprint != self.fingerprint:
             msg = (
                 f'`depth` must be the map that the model was fitted to; got another "{self.kind}" '
-                "map, whose scale is its own. Fit it anew, or pass same_scale=True to `predict` "
-                "where its source keeps one scale."
+                "map (or a copy of other precision), whose scale is its own. Fit it anew, or pass "
+                "same_scale=True to `predict` where its source keeps one scale."
             )
             raise DepthMismatchError(msg)
 

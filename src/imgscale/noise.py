@@ -27,8 +27,9 @@ class Noise:
     box_rel : float
         The part of that error that grows with the object, relative, >= 0.
     depth_rel : float or None
-        Relative standard error of one object's depth, >= 0. None says that it is not known; it
-        is then taken as 0.05, or as the `rel_std` that an `ObjectDepths` carries.
+        Relative standard error of one object's depth, >= 0. The spread of the surface that a map
+        shows, or the `rel_std` of an `ObjectDepths`, adds to it in quadrature. None says that it is
+        not known; it is then taken as 0.05, or as 0 beside such a `rel_std`.
 
     Raises
     ------

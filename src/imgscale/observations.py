@@ -11,9 +11,10 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
+import attrs
 import numpy as np
 
-from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
+from imgscale._typing import BoolArray, FloatArray, ImageSize, IntArray, SizeAxis
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths, check_depth_type
 from imgscale.detection import Detection
 from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
@@ -96,6 +97,29 @@ class Observations(NamedTuple):
     def eligible(self) -> IntArray:
         """The rows that can be references."""
         return np.flatnonzero([not reason for reason in self.reason])
+
+
+def with_image_size(
+    depth: DepthMap | ObjectDepths, image_size: ImageSize | None
+) -> DepthMap | ObjectDepths:
+    """
+    Tell depth the size of its image where it does not know it.
+
+    Parameters
+    ----------
+    depth : DepthMap or ObjectDepths
+        The depth.
+    image_size : (width, height) or None
+        Size of the image in pixels, as the camera or the model knows it.
+
+    Returns
+    -------
+    DepthMap or ObjectDepths
+        The same depth, with an `image_size` where there is one.
+    """
+    if isinstance(depth, DepthMap) or depth.image_size or not image_size:
+        return depth
+    return attrs.evolve(depth, image_size=image_size)
 
 
 def observe(

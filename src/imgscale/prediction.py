@@ -20,7 +20,14 @@ from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.object_prior import SIZE_AXES
-from imgscale.observations import MeanKey, Observations, mean_key, observe
+from imgscale.observations import (
+    MeanKey,
+    Observations,
+    mean_key,
+    observe,
+    usable_depth,
+    with_image_size,
+)
 from imgscale.reference import OUTLIER, Reference
 
 __all__ = ["predict"]
@@ -109,11 +116,21 @@ def predict(
         depth = _at_mean_depth(model, len(detections))
         shared_flags = Flag.MEAN_DEPTH
     model.check_depth(depth, same_scale=same_scale)
-    obs = observe(detections, depth, model.priors, model.noise, axis=axis)
-    obs = obs._replace(depth_var=obs.depth_var + _other_map_variance(model, depth))
-    own = _own_rows(model, detections, obs)
+    usable = with_image_size(usable_depth(depth), model.image_size)
+    obs = observe(detections, usable, model.priors, model.noise, axis=axis)
+    other_map = False
+    if isinstance(usable, DepthMap) and usable.fingerprint != model.fingerprint:
+        other_map = True  # k holds the scale error of the fitted map, and this one has its own
+        scale_var = model.scale_rel_std**2 + usable.scale_rel_std**2
+        obs = obs._replace(depth_var=obs.depth_var + scale_var)
     return estimate_observed(
-        model, detections, obs, own=own, use_prior=use_prior, flags=shared_flags
+        model,
+        detections,
+        obs,
+        own=_own_rows(model, detections, obs),
+        use_prior=use_prior,
+        flags=shared_flags,
+        other_map=other_map,
     )
 
 
@@ -125,6 +142,7 @@ def estimate_observed(
     own: IntArray,
     use_prior: bool,
     flags: Flag = Flag(0),  # noqa: B008 - an immutable member
+    other_map: bool = False,
 ) -> list[SizeEstimate]:
     """
     Size the rows of observations.
@@ -143,6 +161,8 @@ def estimate_observed(
         Fuse the measurement with the objects' own priors.
     flags : Flag
         Reservations that hold for all.
+    other_map : bool
+        True where the depths are of another map than the fitted one.
 
     Returns
     -------
@@ -177,7 +197,8 @@ def estimate_observed(
     size_m = np.exp(log_size)
     std_m = size_m * np.sqrt(np.maximum(variance, 0.0))
     row_flags = _row_flags(obs, share > 0, fused, flags)
-    return _estimates(model, detections, obs, size_m, std_m, row_flags)
+    distance = _distances(model, obs, other_map=other_map)
+    return _estimates(model, detections, obs, size_m, std_m, row_flags, distance)
 
 
 def _check_rule(word: str) -> None:
@@ -213,13 +234,6 @@ def _at_mean_depth(model: ScaleModel, count: int) -> ObjectDepths:
         image_size=model.image_size,
         rel_std=scatter * small_sample,
     )
-
-
-def _other_map_variance(model: ScaleModel, depth: Depth) -> float:
-    """Sum the scale errors of two maps, where another than the fitted one is used."""
-    if not isinstance(depth, DepthMap) or depth.fingerprint == model.fingerprint:
-        return 0.0
-    return model.scale_rel_std**2 + depth.scale_rel_std**2
 
 
 def _own_rows(model: ScaleModel, detections: Sequence[Detection], obs: Observations) -> IntArray:
@@ -315,10 +329,10 @@ def _estimates(
     size_m: FloatArray,
     std_m: FloatArray,
     flags: Sequence[Flag],
+    distance: FloatArray | None,
 ) -> list[SizeEstimate]:
     """Gather the columns into results."""
     scale = model.metres_per_pixel(obs.depth)
-    distance = _distances(model, obs, scale)
     return [
         SizeEstimate(
             label=detection.label,
@@ -334,11 +348,12 @@ def _estimates(
     ]
 
 
-def _distances(model: ScaleModel, obs: Observations, scale: FloatArray) -> FloatArray | None:
+def _distances(model: ScaleModel, obs: Observations, *, other_map: bool) -> FloatArray | None:
     """z-depths in metres: focal length x metres per pixel, or what metric depth itself says."""
     if model.kind != "metric":
-        return None if model.focal_px is None else model.focal_px * scale
-    if model.camera is None:
+        focal_px = model.focal_px
+        return None if focal_px is None else focal_px * model.metres_per_pixel(obs.depth)
+    if model.camera is None or other_map:
         return obs.depth
     # f k is the map's scale error times the focal length's: the map takes its share of it
     map_var, focal_var = model.scale_rel_std**2, model.camera.focal_rel_std**2
