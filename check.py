@@ -17,7 +17,10 @@ PUBLIC = sorted(
     for path in (ROOT / "src").rglob("*.py")
     if not path.name.startswith("_")
 )
-EXAMPLES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "examples").glob("*.py"))
+EXAMPLES, BENCHMARKS = (
+    sorted(str(path.relative_to(ROOT)) for path in (ROOT / folder).glob("*.py"))
+    for folder in ("examples", "benchmarks")
+)
 
 CORE: Sequence[tuple[str, ...]] = (
     (PYTHON, "-m", "ruff", "check", "."),
@@ -30,7 +33,7 @@ CORE: Sequence[tuple[str, ...]] = (
 )
 FULL: Sequence[tuple[str, ...]] = (
     *((PYTHON, example) for example in EXAMPLES),
-    (PYTHON, "benchmarks/import_time.py"),
+    *((PYTHON, benchmark) for benchmark in BENCHMARKS),
     (PYTHON, "-m", "sphinx", "-W", "-q", "docs", "docs/_build"),
 )
 

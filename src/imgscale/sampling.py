@@ -26,10 +26,11 @@ from imgscale._typing import (
     IntArray,
 )
 
-# The central half of the box in each direction: on LiDAR maps of cars and people it errs least.
+# The central half of the box in each direction: judged, wide enough for sparse maps.
 _CORE_SHARE = 0.5
-# One surface: depths within 6 % of each other, as a torso at 4 m or the rear of a car at 8 m. On
-# LiDAR maps of traffic any width from 3 to 15 % gives the same error.
+# One surface: depths within 6 % of each other. No data set has settled this number: LiDAR maps of
+# traffic give the same error from 3 to 15 %, while on a spoked wheel, half hub and half tyre, the
+# width decides which of the two is taken (benchmarks/surface_width.py prints both).
 _SURFACE_LOG_WIDTH = 0.06
 # The outline of an object is its near face, so the near quarter of the surface, not its middle.
 _ORDER_STATISTIC = 0.25
