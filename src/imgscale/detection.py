@@ -296,8 +296,9 @@ class Detection:
         Examples
         --------
         >>> from imgscale import Detection
-        >>> Detection.from_ratios("car", left=0.5, top=0.5, width=0.1, height=0.1181,
-        ...                       image_size=(1242, 375)).height_px
+        >>> car = Detection.from_ratios("car", left=0.5, top=0.5, width=0.1, height=0.1181,
+        ...                             image_size=(1242, 375))
+        >>> round(car.height_px, 6)
         44.2875
         """
         ratios = {"left": left, "top": top, "width": width, "height": height}

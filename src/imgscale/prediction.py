@@ -96,7 +96,7 @@ def predict(
     >>> for estimate in ims.predict(model, detections, depth):
     ...     print(estimate)
     door: height 2.000 +- 0.020 m (REFERENCE)
-    statue: height 1.50 +- 0.03 m
+    statue: height 1.500 +- 0.029 m
     >>> ims.predict(model, detections)
     Traceback (most recent call last):
         ...
