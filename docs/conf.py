@@ -8,6 +8,7 @@ source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 autodoc_typehints = "none"  # the docstrings say it in words
 exclude_patterns = ["_build"]
 html_theme = "alabaster"
-html_theme_options = {"page_width": "1200px", "body_max_width": "none"}  # room for code of 100 columns
+# room for code of 100 columns
+html_theme_options = {"page_width": "1200px", "body_max_width": "none"}
 html_title = "imgscale"
 numpydoc_show_class_members = False
