@@ -14,6 +14,7 @@ from imgscale._checks import (
     as_image_size,
     as_known_image_size,
     as_optional_float,
+    check_choice,
     finite,
     non_negative,
     own_floats,
@@ -39,6 +40,10 @@ def _as_object_depths(values: ArrayLike) -> NDArray[Any]:
     return array.astype(np.float64) if by_hand else array
 
 
+def _check_depth_at(_: object, __: attrs.Attribute[Any], value: str) -> None:
+    check_choice("depth_at", value, ("surface", "centre"))
+
+
 @attrs.frozen(eq=False)
 class ObjectDepths:
     """
@@ -53,6 +58,11 @@ class ObjectDepths:
         What the values are, as in `DepthMap`.
     image_size : (width, height) or None
         Size of the image in pixels. Without it, boxes cut by the image's border are not noticed.
+    depth_at : str
+        "surface": the values are those of the visible near surface, as maps give them. "centre":
+        they are those of the objects' centres (3-D boxes, tracks, radar); `fit` and `predict` then
+        take off half the extent along the view, from the prior's `depth_extent_m` and the shape of
+        the box. Only for metric depth.
     rel_std : float or None
         Relative standard error of each value, >= 0, to which a `Noise.depth_rel` that is given adds
         in quadrature; None leaves it to `Noise.depth_rel` alone.
@@ -60,7 +70,8 @@ class ObjectDepths:
     Raises
     ------
     ValueError
-        If a value is infinite or, unless the kind is "affine_inverse", not positive.
+        If a value is infinite or, unless the kind is "affine_inverse", not positive, or if the
+        depth of centres is not metric.
 
     Examples
     --------
@@ -82,8 +93,17 @@ class ObjectDepths:
         converter=as_optional_float,
         validator=attrs.validators.optional(non_negative),
     )
+    depth_at: Literal["surface", "centre"] = attrs.field(
+        default="surface", kw_only=True, validator=_check_depth_at
+    )
 
     def __attrs_post_init__(self) -> None:
+        if self.depth_at == "centre" and self.kind != "metric":
+            msg = (
+                '`depth_at` must be "surface" unless the kind is "metric"; got "centre" with '
+                f'"{self.kind}". Metres can only be taken off metres.'
+            )
+            raise ValueError(msg)
         if self.kind == "metric":
             refuse_integers("values", self.values, METRIC_SCALES)
         owned = own_object_depths(self.values)

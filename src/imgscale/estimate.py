@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import attrs
 
@@ -10,6 +11,7 @@ from imgscale._checks import as_float, is_between, nan_as_none, number_error
 from imgscale._format import with_error
 from imgscale._typing import SizeAxis
 from imgscale.flags import Flag, flag_names
+from imgscale.mixture import LARGEST_SCORE
 
 __all__ = ["SizeEstimate"]
 
@@ -28,7 +30,8 @@ class SizeEstimate:
     size_m : float
         Median of its size, in metres; NaN where it cannot be said.
     std_m : float
-        Standard error in metres: size times the standard deviation of its logarithm.
+        Standard error in metres: size times half the width of the central 68.3 % of its logarithm
+        (for a normal one its standard deviation).
     metres_per_pixel : float
         Scale at its distance, in m/px; NaN without a depth.
     depth : float
@@ -37,6 +40,10 @@ class SizeEstimate:
         Its z-depth in metres; None where no focal length is known, NaN without a depth.
     flags : Flag
         Reservations.
+    quantiles_m : tuple of float or None
+        Sizes at the standard scores -3.5, -3.25, ..., 3.5 (the normal quantiles of their
+        probabilities), in metres: the shape of the distribution, its tails and its modes. None
+        where the logarithm of the size is normal.
     """
 
     label: str
@@ -47,6 +54,7 @@ class SizeEstimate:
     depth: float = attrs.field(eq=nan_as_none)
     distance_m: float | None = attrs.field(eq=nan_as_none)
     flags: Flag
+    quantiles_m: tuple[float, ...] | None = attrs.field(default=None, repr=False)
 
     def interval(self, level: float = 0.9) -> tuple[float, float]:
         """
@@ -76,12 +84,69 @@ class SizeEstimate:
         >>> [round(end, 2) for end in estimate.interval(0.9)]
         [1.4, 1.6]
         """
-        return log_interval(self.size_m, self.std_m, level)
+        if self.quantiles_m is None:
+            return log_interval(self.size_m, self.std_m, level)
+        if math.isnan(self.size_m):
+            return (math.nan, math.nan)
+        low, high = (quantile(self.quantiles_m, score) for score in central_scores(level))
+        return (min(low, self.size_m), max(high, self.size_m))
 
     def __str__(self) -> str:
         words = ", ".join(flag_names(self.flags))
         size = "unknown" if math.isnan(self.size_m) else f"{with_error(self.size_m, self.std_m)} m"
         return f"{self.label}: {self.axis} {size}{f' ({words})' if words else ''}"
+
+
+def central_scores(level: float) -> tuple[float, float]:
+    """
+    Compute the standard scores between which a normal quantity lies with a probability.
+
+    Parameters
+    ----------
+    level : float
+        The probability, above 0 and below 1.
+
+    Returns
+    -------
+    tuple of float
+        Minus and plus the score.
+
+    Raises
+    ------
+    ValueError
+        If the level is no probability.
+    """
+    if not is_between(as_float(level), 1e-12, 1 - 1e-12):
+        raise number_error("level", "above 0 and below 1", as_float(level))  # noqa: EM101 - a name
+    from statistics import NormalDist  # noqa: PLC0415 - 20 ms of import that few calls need
+
+    score = NormalDist().inv_cdf((1 + level) / 2)
+    return (-score, score)
+
+
+def quantile(quantiles_m: Sequence[float], score: float) -> float:
+    """
+    Read a quantile off a table, straight in the logarithm between its entries and beyond them.
+
+    Parameters
+    ----------
+    quantiles_m : sequence of float
+        Sizes at equally spaced standard scores, symmetric about 0, in metres.
+    score : float
+        The score wanted.
+
+    Returns
+    -------
+    float
+        The size there, in metres.
+    """
+    last = len(quantiles_m) - 1
+    place = (score / LARGEST_SCORE + 1) / 2 * last
+    index = min(max(math.floor(place), 0), last - 1)
+    low, high = quantiles_m[index], quantiles_m[index + 1]
+    if math.isinf(high):
+        return low if place == index else high
+    return float(low * (high / low) ** (place - index))
 
 
 def log_interval(value: float, std: float, level: float) -> tuple[float, float]:
@@ -107,11 +172,8 @@ def log_interval(value: float, std: float, level: float) -> tuple[float, float]:
     ValueError
         If the level is no probability.
     """
-    if not is_between(as_float(level), 1e-12, 1 - 1e-12):
-        raise number_error("level", "above 0 and below 1", as_float(level))  # noqa: EM101 - a name
+    _, score = central_scores(level)
     if math.isnan(value):
         return (math.nan, math.nan)
-    from statistics import NormalDist  # noqa: PLC0415 - 20 ms of import that few calls need
-
-    factor = math.exp(NormalDist().inv_cdf((1 + level) / 2) * std / value)
+    factor = math.exp(score * std / value)
     return (value / factor, value * factor)

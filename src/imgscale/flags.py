@@ -41,10 +41,11 @@ class Flag(enum.Flag):
     PARTIAL : Flag
         The box is cut by the border or marked partial: the size is that of the visible part.
     EXTRAPOLATED : Flag
-        The object lies far outside the depths that the references support (for kinds with a
-        shift, not in this version).
+        The object is more than twice as near or as far as any reference, where the shift of the
+        depth was fitted too.
     BEYOND_HORIZON : Flag
-        The object lies where the fitted law has no finite depth (likewise).
+        The object lies where the fitted law has no finite distance: its size is NaN, or has no
+        upper bound where that is only possible.
     """
 
     SINGLE_REFERENCE = enum.auto()

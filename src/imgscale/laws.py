@@ -64,6 +64,23 @@ class Law(NamedTuple):
             return array if shift == 0 else 1 / (1 / array + shift)
         return 1 / (array + shift)
 
+    def inverse_depth(self, values: AnyFloatArray | float) -> FloatArray:
+        """
+        Compute the D of the law, in which it is linear.
+
+        Parameters
+        ----------
+        values : ndarray of float
+            Depth values of this kind, valid ones or NaN.
+
+        Returns
+        -------
+        ndarray of float64
+            The values themselves where larger ones are nearer, else 1 / values.
+        """
+        array = np.asarray(values, dtype=np.float64)
+        return array if self.inverse else 1 / array
+
     def value_at(self, relative_distance: float, shift: float = 0.0) -> float:
         """
         Invert `relative_distance` for one number.

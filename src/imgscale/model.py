@@ -26,7 +26,7 @@ from imgscale.reference import Reference, numbered_labels
 
 __all__ = ["ScaleModel"]
 
-_SCHEMA = 1
+_SCHEMA = 2
 
 
 @attrs.frozen(kw_only=True)
@@ -40,9 +40,11 @@ class ScaleModel:
         The scale constant: metres per pixel are k times depth (see `metres_per_pixel`). It is
         1 / focal length for metric depth and the stereo baseline in metres for raw disparity.
     k_std : float
-        Its standard error, k times the standard deviation of log k.
+        Its standard error: k times half the width of the central 68.3 % of log k.
     shift, shift_std : float
-        Shift of the inverse depth and its standard error; 0 for kinds without one.
+        Shift b of the inverse depth and its standard error; 0 for kinds without one.
+    correlation : float
+        Correlation of the errors of log k and shift; 0 for kinds without one.
     kind : str
         The kind of depth it was fitted to.
     method : str
@@ -66,14 +68,16 @@ class ScaleModel:
         Checksum of the depth map it was fitted to.
     scale_rel_std : float
         Relative standard error of the depth map's scale as a whole, as the map carried it.
-    camera_precision : float
-        Weight of the camera's focal length in the fit of log k, 0 where it was no witness.
+    depth_rel : float or None
+        Relative noise of the depths, as learned from how far the references disagree; None where
+        it was told.
     """
 
     k: float
     k_std: float
     shift: float
     shift_std: float
+    correlation: float
     kind: DepthKind
     method: FitMethod
     mean_depth: float = attrs.field(eq=nan_as_none)
@@ -85,7 +89,7 @@ class ScaleModel:
     image_size: ImageSize | None
     fingerprint: int | None
     scale_rel_std: float
-    camera_precision: float
+    depth_rel: float | None
 
     @property
     def focal_px(self) -> float | None:
@@ -93,6 +97,12 @@ class ScaleModel:
         if self.camera is not None:
             return self.camera.focal_px
         return 1 / self.k if self.kind == "metric" else None
+
+    @property
+    def camera_is_witness(self) -> bool:
+        """True where the camera's focal length took part in the fit: with metric depth, k = 1/f."""
+        fitted = self.method in {"robust", "posterior"}
+        return self.camera is not None and self.kind == "metric" and fitted
 
     @property
     def camera_height_m(self) -> float | None:
@@ -318,7 +328,7 @@ class ScaleModel:
         candidates = sum(ref.reason != "no prior" for ref in self.references)
         noun = "reference" if candidates == 1 else "references"
         text = f"{_k_text(self)} ({law.k_meaning}) from {used} of {candidates} {noun}"
-        if self.camera_precision:
+        if self.camera_is_witness:
             text += " and the camera's focal length"
         for title, wanted in (("not used", True), ("without a prior", False)):
             names = [

@@ -6,10 +6,7 @@ import attrs
 
 from imgscale._checks import as_float, as_optional_float, non_negative
 
-__all__ = ["UNKNOWN_DEPTH_REL", "Noise"]
-
-# What `depth_rel=None` is taken as: the centre of what depth networks and stereo give.
-UNKNOWN_DEPTH_REL = 0.05
+__all__ = ["Noise"]
 
 
 @attrs.frozen
@@ -29,7 +26,8 @@ class Noise:
     depth_rel : float or None
         Relative standard error of one object's depth, >= 0. The spread of the surface that a map
         shows, or the `rel_std` of an `ObjectDepths`, adds to it in quadrature. None says that it is
-        not known; it is then taken as 0.05, or as 0 beside such a `rel_std`.
+        not known: it is then learned from how far the image's references disagree, about 5 % within
+        a factor of 2.2, or taken as 0 beside such a `rel_std`.
 
     Raises
     ------

@@ -8,25 +8,27 @@ they cannot sample, measure or select differently.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
-import attrs
 import numpy as np
 
-from imgscale._typing import BoolArray, FloatArray, ImageSize, IntArray, SizeAxis
-from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths, check_depth_type
+from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
+from imgscale.depth import Depth, DepthMap, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
 from imgscale.laws import LAWS
-from imgscale.noise import UNKNOWN_DEPTH_REL, Noise
-from imgscale.object_prior import SIZE_AXES, ObjectPrior, normal_label
+from imgscale.noise import Noise
+from imgscale.object_depth import DepthColumns, object_depths, usable_depth
+from imgscale.object_prior import SIZE_AXES
+from imgscale.prior_choice import MeanKey, PriorChoice, choose_prior, log_kinds, mean_key
 from imgscale.priors import PriorTable
-from imgscale.sampling import DepthSample, sample_surface
+from imgscale.segments import Parts
+from imgscale.thickness import surface_depth, view_extent
 
 __all__ = ["Observations", "observe"]
 
-MeanKey: TypeAlias = tuple[str, SizeAxis]
+Extents: TypeAlias = Mapping[SizeAxis, FloatArray]
 
 NO_PRIOR = "no prior"
 PARTIAL = "partial"
@@ -45,12 +47,16 @@ class Observations(NamedTuple):
         Extent along it, in pixels.
     depth : (N,) ndarray of float64
         Depth in the unit given, NaN where there is none.
-    log_size : (N,) ndarray of float64
-        log(d p): the log of the size for k = 1; NaN without depth.
+    inverse_depth : (N,) ndarray of float64
+        The D of the one law ``p / H = (D + b) / k``; NaN without depth.
     box_var, depth_var : (N,) ndarray of float64
-        Variances of the logarithms of pixels and depth.
+        Variances of the logarithms of pixels and depth, as far as they were told.
+    unknown_noise : bool
+        True where nobody told how much the depths err besides.
     prior_m, prior_std_m, prior_mean_std_m : (N,) ndarray of float64
         The label's prior along the axis, moments of the mixture; NaN without one.
+    kinds : Parts
+        Log sizes of the kinds of thing that the label may be, (N, J); NaN without a prior.
     group : (N,) ndarray of int
         Number of the row's label and axis, which share one mean; -1 without a prior.
     mixed, partial : (N,) ndarray of bool
@@ -62,12 +68,14 @@ class Observations(NamedTuple):
     axis: tuple[SizeAxis, ...]
     pixels: FloatArray
     depth: FloatArray
-    log_size: FloatArray
+    inverse_depth: FloatArray
     box_var: FloatArray
     depth_var: FloatArray
+    unknown_noise: bool
     prior_m: FloatArray
     prior_std_m: FloatArray
     prior_mean_std_m: FloatArray
+    kinds: Parts
     group: IntArray
     mixed: BoolArray
     partial: BoolArray
@@ -79,47 +87,9 @@ class Observations(NamedTuple):
         return self.box_var + self.depth_var
 
     @property
-    def prior_var(self) -> FloatArray:
-        """Variance of log size between individuals, ``s^2 = log(1 + (std / mean)^2)``."""
-        return np.log1p((self.prior_std_m / self.prior_m) ** 2)
-
-    @property
-    def prior_log(self) -> FloatArray:
-        """Mean of log size, ``log(mean) - s^2 / 2``."""
-        return np.log(self.prior_m) - self.prior_var / 2
-
-    @property
-    def tau(self) -> FloatArray:
-        """Standard deviation of the label's shared offset of log size."""
-        return self.prior_mean_std_m / self.prior_m
-
-    @property
     def eligible(self) -> IntArray:
         """The rows that can be references."""
         return np.flatnonzero([not reason for reason in self.reason])
-
-
-def with_image_size(
-    depth: DepthMap | ObjectDepths, image_size: ImageSize | None
-) -> DepthMap | ObjectDepths:
-    """
-    Tell depth the size of its image where it does not know it.
-
-    Parameters
-    ----------
-    depth : DepthMap or ObjectDepths
-        The depth.
-    image_size : (width, height) or None
-        Size of the image in pixels, as the camera or the model knows it.
-
-    Returns
-    -------
-    DepthMap or ObjectDepths
-        The same depth, with an `image_size` where there is one.
-    """
-    if isinstance(depth, DepthMap) or depth.image_size or not image_size:
-        return depth
-    return attrs.evolve(depth, image_size=image_size)
 
 
 def observe(
@@ -129,6 +99,7 @@ def observe(
     noise: Noise,
     *,
     axis: SizeAxis | None = None,
+    k: float | None = None,
 ) -> Observations:
     """
     Turn detections and depth into columns.
@@ -146,6 +117,8 @@ def observe(
     axis : str, optional
         Measure every object along this axis. Where omitted, each is measured along the axis of
         its label's most precise prior.
+    k : float, optional
+        The scale constant, where it is known: it tells the thickness of objects without a prior.
 
     Returns
     -------
@@ -163,12 +136,15 @@ def observe(
     boxes = _boxes(detections)
     _check_in_image(boxes, depth)
     _check_masks(detections, depth)
-    extents: dict[SizeAxis, FloatArray] = {name: pixel_extent(boxes, name) for name in SIZE_AXES}
-    choice = [_witness(d.label, i, extents, priors, noise, axis) for i, d in enumerate(detections)]
+    extents: Extents = {name: pixel_extent(boxes, name) for name in SIZE_AXES}
+    choice = [
+        choose_prior(detection.label, _extents_of(extents, row), priors, noise, axis)
+        for row, detection in enumerate(detections)
+    ]
     pixels = np.array([extents[c.axis][i] for i, c in enumerate(choice)], dtype=np.float64)
-    values, depth_rel, mixed = _depths(detections, depth, noise)
-    with np.errstate(invalid="ignore"):
-        log_size = np.log(LAWS[depth.kind].relative_distance(values) * pixels)
+    depths = object_depths(detections, depth, noise)
+    if isinstance(depth, ObjectDepths) and depth.depth_at == "centre":
+        depths = _on_surface(depths, detections, extents, priors, noise, k)
     marked = np.array([detection.partial for detection in detections], dtype=np.bool_)
     partial = (
         marked if depth.image_size is None else marked | touches_border(boxes, depth.image_size)
@@ -176,88 +152,23 @@ def observe(
     return Observations(
         axis=tuple(c.axis for c in choice),
         pixels=pixels,
-        depth=values,
-        log_size=log_size,
+        depth=depths.value,
+        inverse_depth=LAWS[depth.kind].inverse_depth(depths.value),
         box_var=extent_rel_std(pixels, noise.box_px, noise.box_rel) ** 2,
-        depth_var=depth_rel**2,
+        depth_var=depths.rel_std**2,
+        unknown_noise=depths.unknown_noise,
         prior_m=np.array([c.mean_m for c in choice], dtype=np.float64),
         prior_std_m=np.array([c.std_m for c in choice], dtype=np.float64),
         prior_mean_std_m=np.array([c.mean_std_m for c in choice], dtype=np.float64),
+        kinds=log_kinds([c.rows for c in choice]),
         group=_groups(detections, priors, choice),
-        mixed=mixed,
+        mixed=depths.mixed,
         partial=partial,
         reason=tuple(
-            _reason(c, cut, value) for c, cut, value in zip(choice, partial, values, strict=True)
+            _reason(c, cut, value)
+            for c, cut, value in zip(choice, partial, depths.value, strict=True)
         ),
     )
-
-
-def mean_key(label: str, axis: SizeAxis, priors: PriorTable) -> MeanKey | None:
-    """
-    Name the mean size that objects of a label share along an axis.
-
-    Parameters
-    ----------
-    label : str
-        The label, or one of its aliases.
-    axis : str
-        The axis.
-    priors : PriorTable
-        Sizes by label.
-
-    Returns
-    -------
-    tuple of str or None
-        The table's label and the axis; None without a prior.
-    """
-    rows = [row for row in priors.lookup(label) if row.axis == axis]
-    return (normal_label(rows[0].label), axis) if rows else None
-
-
-def usable_depth(depth: object) -> DepthMap | ObjectDepths:
-    """
-    Return depth of a type and kind that can be fitted.
-
-    Parameters
-    ----------
-    depth : object
-        What was given as depth.
-
-    Returns
-    -------
-    DepthMap or ObjectDepths
-        The same.
-
-    Raises
-    ------
-    TypeError
-        If it is no depth.
-    ValueError
-        If it is a depth that this version does not fit.
-    """
-    known = check_depth_type(depth)
-    if isinstance(known, GroundPlane):
-        msg = (
-            "`depth` must be a DepthMap or ObjectDepths in this version; got a GroundPlane. "
-            "Sizes from the ground plane alone are not fitted yet."
-        )
-        raise ValueError(msg)  # noqa: TRY004 - a lawful type whose turn has not come
-    if LAWS[known.kind].has_shift:
-        msg = (
-            f'`depth` must be of kind "metric", "relative" or "inverse" in this version; got '
-            f'"{known.kind}". Its unknown shift is not fitted yet.'
-        )
-        raise ValueError(msg)
-    return known
-
-
-class _Witness(NamedTuple):
-    """One axis of one label: moments of its mixture, in metres."""
-
-    axis: SizeAxis
-    mean_m: float
-    std_m: float
-    mean_std_m: float
 
 
 def _boxes(detections: Sequence[Detection]) -> FloatArray:
@@ -293,86 +204,38 @@ def _check_masks(detections: Sequence[Detection], depth: DepthMap | ObjectDepths
             raise ValueError(msg)
 
 
-def _witness(
-    label: str,
-    index: int,
-    extents: dict[SizeAxis, FloatArray],
+def _extents_of(extents: Extents, row: int) -> dict[SizeAxis, float]:
+    """Extent of one object along each axis."""
+    return {name: float(extent[row]) for name, extent in extents.items()}
+
+
+def _on_surface(
+    depths: DepthColumns,
+    detections: Sequence[Detection],
+    extents: Extents,
     priors: PriorTable,
     noise: Noise,
-    axis: SizeAxis | None,
-) -> _Witness:
-    """Choose the axis whose prior and box together err least, or take the one asked for."""
-    rows = priors.lookup(label)
-    axes: list[SizeAxis] = (
-        [axis] if axis else [name for name in SIZE_AXES if any(r.axis == name for r in rows)]
-    )
-    witnesses = [_moments([row for row in rows if row.axis == name], name) for name in axes]
-
-    def error(witness: _Witness) -> float:
-        box = extent_rel_std(extents[witness.axis][index : index + 1], noise.box_px, noise.box_rel)
-        return math.hypot(
-            witness.std_m / witness.mean_m, witness.mean_std_m / witness.mean_m, float(box[0])
-        )
-
-    return min(witnesses, key=error) if witnesses else _moments([], "height")
-
-
-def _moments(rows: Sequence[ObjectPrior], axis: SizeAxis) -> _Witness:
-    """
-    Mean, spread and error of the mean of a mixture of sizes.
-
-    The spread holds the distance between the parts: ``sum w (std^2 + mean^2) - mean^2``.
-    """
-    if not rows:
-        return _Witness(axis, math.nan, math.nan, math.nan)
-    if len(rows) == 1:
-        return _Witness(axis, rows[0].mean_m, rows[0].std_m, rows[0].mean_std_m)
-    total = sum(row.share for row in rows)
-    mean_m = sum(row.share * row.mean_m for row in rows) / total
-    variance = sum(row.share * (row.std_m**2 + (row.mean_m - mean_m) ** 2) for row in rows) / total
-    mean_std_m = sum(row.share * row.mean_std_m for row in rows) / total
-    return _Witness(axis, mean_m, math.sqrt(variance), mean_std_m)
-
-
-def _depths(
-    detections: Sequence[Detection], depth: DepthMap | ObjectDepths, noise: Noise
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Depth, its relative error and whether two surfaces share the box, for each detection."""
-    count = len(detections)
-    if isinstance(depth, ObjectDepths):
-        if len(depth) != count:
-            msg = (
-                f"`depth` must hold one value per detection, {count}; got {len(depth)}. "
-                "NaN stands for an unknown depth."
-            )
-            raise ValueError(msg)
-        told = 0.0 if depth.rel_std is not None else UNKNOWN_DEPTH_REL
-        own = np.full(count, depth.rel_std or 0.0)
-        mixed = np.zeros(count, dtype=np.bool_)
-        values = depth.values.astype(np.float64)
-    else:
-        told = UNKNOWN_DEPTH_REL
-        samples = [_sample(detection, depth) for detection in detections]
-        values = np.array([sample.value for sample in samples], dtype=np.float64)
-        own = np.array([sample.rel_std for sample in samples], dtype=np.float64)
-        mixed = np.array([sample.mixed for sample in samples], dtype=np.bool_)
-    depth_rel = told if noise.depth_rel is None else noise.depth_rel
-    return values, np.hypot(own, depth_rel), mixed
-
-
-def _sample(detection: Detection, depth: DepthMap) -> DepthSample:
-    return sample_surface(
-        depth.values,
-        detection.xyxy,
-        kind=depth.kind,
-        image_size=depth.image_size,
-        nearness=1 if LAWS[depth.kind].inverse else -1,
-        mask=detection.mask,
-    )
+    k: float | None,
+) -> DepthColumns:
+    """Take half the extents along the view off the depths of centres."""
+    scale = np.full(len(detections), math.nan) if k is None else k * depths.value
+    long_m = np.full(len(detections), math.nan)
+    for i, detection in enumerate(detections):
+        pixels = _extents_of(extents, i)
+        own = choose_prior(detection.label, pixels, priors, noise, None)
+        told = [(row.share, row.depth_extent_m) for row in own.rows if row.depth_extent_m]
+        if own.rows:
+            scale[i] = own.mean_m / pixels[own.axis]
+        if told:
+            long_m[i] = sum(share * length for share, length in told) / sum(s for s, _ in told)
+    extent_m, std_m = view_extent(scale * extents["width"], long_m)
+    # an object without a prior is no reference: its depth may stay that of its centre
+    value, rel_std = surface_depth(depths.value, np.nan_to_num(extent_m), np.nan_to_num(std_m))
+    return depths._replace(value=value, rel_std=np.hypot(depths.rel_std, rel_std))
 
 
 def _groups(
-    detections: Sequence[Detection], priors: PriorTable, choice: Sequence[_Witness]
+    detections: Sequence[Detection], priors: PriorTable, choice: Sequence[PriorChoice]
 ) -> IntArray:
     """Give every label (aliases are one) and axis, which share one mean, a number."""
     numbers: dict[MeanKey, int] = {}
@@ -384,7 +247,7 @@ def _groups(
     return groups
 
 
-def _reason(witness: _Witness, partial: np.bool_, depth: np.float64) -> str:
+def _reason(witness: PriorChoice, partial: np.bool_, depth: np.float64) -> str:
     if math.isnan(witness.mean_m):
         return NO_PRIOR
     if partial:

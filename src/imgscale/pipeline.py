@@ -61,7 +61,7 @@ def measure(
     depth_source: DepthSource,
     priors: PriorTable | None = None,
     camera: Camera | None = None,
-    method: FitMethod = "robust",
+    method: FitMethod = "posterior",
     noise: Noise = Noise(),  # noqa: B008 - frozen
     axis: SizeAxis = "height",
     use_prior: bool = False,

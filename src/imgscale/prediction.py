@@ -10,25 +10,22 @@ from typing import Literal
 import numpy as np
 
 from imgscale._checks import check_choice, check_type
-from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
+from imgscale._typing import IntArray, SizeAxis
+from imgscale.columns import in_groups, objects_of
 from imgscale.depth import Depth, DepthMap, ObjectDepths
 from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
 from imgscale.estimate import SizeEstimate
-from imgscale.estimator import LogObservations, Subjects, fuse_with_prior, view_from_others
-from imgscale.flags import Flag, flags_where
+from imgscale.flags import Flag
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
+from imgscale.object_depth import usable_depth, with_image_size
 from imgscale.object_prior import SIZE_AXES
-from imgscale.observations import (
-    MeanKey,
-    Observations,
-    mean_key,
-    observe,
-    usable_depth,
-    with_image_size,
-)
-from imgscale.reference import OUTLIER, Reference
+from imgscale.observations import Observations, observe
+from imgscale.posing import check_joint, problem_of_model, solve_by
+from imgscale.prior_choice import MeanKey
+from imgscale.sizing import Wanted, distances, gather, row_flags, size_up
+from imgscale.witnesses import UNKNOWN_DEPTH_REL
 
 __all__ = ["predict"]
 
@@ -81,10 +78,11 @@ def predict(
 
     Notes
     -----
-    log H = log k + log(d p), with the variance of log k plus those of box and depth. A detection
-    that was a reference shares its errors with k, which its variance takes into account; it is
-    flagged REFERENCE. With `use_prior` its row is the posterior of the joint fit. A prior is not
-    fused with a partial object, which it does not describe, nor with a rejected reference.
+    log H = log k + log(d p), with the distribution of log k plus the errors of box and depth. A
+    detection that was a reference shares its errors with k, which its interval takes into account;
+    it is flagged REFERENCE. With `use_prior` its row is the posterior of the joint fit. A prior is
+    not fused with a partial object, which it does not describe, nor with a rejected reference;
+    where a measurement contradicts it so much that both together are wider, the prior stands alone.
 
     Examples
     --------
@@ -96,7 +94,7 @@ def predict(
     >>> for estimate in ims.predict(model, detections, depth):
     ...     print(estimate)
     door: height 2.000 +- 0.020 m (REFERENCE)
-    statue: height 1.500 +- 0.029 m
+    statue: height 1.500 +- 0.031 m
     >>> ims.predict(model, detections)
     Traceback (most recent call last):
         ...
@@ -117,88 +115,24 @@ def predict(
         shared_flags = Flag.MEAN_DEPTH
     model.check_depth(depth, same_scale=same_scale)
     usable = with_image_size(usable_depth(depth), model.image_size)
-    obs = observe(detections, usable, model.priors, model.noise, axis=axis)
+    obs = observe(detections, usable, model.priors, model.noise, axis=axis, k=model.k)
+    if obs.unknown_noise and model.depth_rel is None:  # fitted to depths whose noise was told
+        obs = obs._replace(depth_var=obs.depth_var + UNKNOWN_DEPTH_REL**2)
     other_map = False
     if isinstance(usable, DepthMap) and usable.fingerprint != model.fingerprint:
         other_map = True  # k holds the scale error of the fitted map, and this one has its own
         scale_var = model.scale_rel_std**2 + usable.scale_rel_std**2
         obs = obs._replace(depth_var=obs.depth_var + scale_var)
-    return estimate_observed(
-        model,
+    problem, keys = problem_of_model(model)
+    wanted = _wanted(model, detections, obs, keys, use_prior=use_prior)
+    sizes = size_up(solve_by(model.method, problem), wanted)
+    return gather(
         detections,
         obs,
-        own=_own_rows(model, detections, obs),
-        use_prior=use_prior,
-        flags=shared_flags,
-        other_map=other_map,
+        sizes,
+        row_flags(obs, wanted, sizes, problem, shared_flags),
+        distances(model, obs.depth, sizes.metres_per_pixel, other_map=other_map),
     )
-
-
-def estimate_observed(
-    model: ScaleModel,
-    detections: Sequence[Detection],
-    obs: Observations,
-    *,
-    own: IntArray,
-    use_prior: bool,
-    flags: Flag = Flag(0),  # noqa: B008 - an immutable member
-    other_map: bool = False,
-) -> list[SizeEstimate]:
-    """
-    Size the rows of observations.
-
-    Parameters
-    ----------
-    model : ScaleModel
-        The scale of the image.
-    detections : sequence of Detection
-        The objects, for their labels and boxes.
-    obs : Observations
-        Their columns, one row each.
-    own : (N,) ndarray of int
-        Which of the model's references each row was, -1 for none.
-    use_prior : bool
-        Fuse the measurement with the objects' own priors.
-    flags : Flag
-        Reservations that hold for all.
-    other_map : bool
-        True where the depths are of another map than the fitted one.
-
-    Returns
-    -------
-    list of SizeEstimate
-        One per row.
-
-    Raises
-    ------
-    ValueError
-        If `use_prior` is asked of a model without a joint fit.
-    """
-    if use_prior and model.method != "robust":
-        msg = f'`use_prior` must be False for method "{model.method}"; only "robust" fits jointly.'
-        raise ValueError(msg)
-    mine = [None if index < 0 else model.references[index] for index in map(int, own)]
-    share = np.array([0.0 if ref is None else ref.weight for ref in mine])
-    same_axis = np.array(
-        [ref is not None and ref.axis == axis for ref, axis in zip(mine, obs.axis, strict=True)],
-        dtype=np.bool_,
-    )
-    log_size = math.log(model.k) + obs.log_size
-    # what a reference's own errors e did to k: var(log k - share e + e)
-    common = obs.depth_var + np.where(same_axis, obs.box_var, 0.0)
-    variance = (model.k_std / model.k) ** 2 + obs.noise_var - 2 * share * common
-    fused = np.zeros(own.size, dtype=np.bool_)
-    if use_prior:
-        # the prior of a whole object says nothing of a visible part or a rejected reference
-        rejected = [ref is not None and ref.reason == OUTLIER for ref in mine]
-        fused = ~(np.isnan(obs.prior_m) | obs.partial | np.array(rejected, dtype=np.bool_))
-        joint = _with_prior(model, detections, obs, np.where(same_axis, own, -1))
-        log_size, variance = np.where(fused, joint, (log_size, variance))
-    size_m = np.exp(log_size)
-    std_m = size_m * np.sqrt(np.maximum(variance, 0.0))
-    row_flags = _row_flags(obs, share > 0, fused, flags)
-    distance = _distances(model, obs, other_map=other_map)
-    return _estimates(model, detections, obs, size_m, std_m, row_flags, distance)
 
 
 def _check_rule(word: str) -> None:
@@ -240,7 +174,7 @@ def _own_rows(model: ScaleModel, detections: Sequence[Detection], obs: Observati
     """Find the reference that each detection was: same label, box and depth; else -1."""
     places: defaultdict[tuple[object, ...], list[int]] = defaultdict(list)
     for index, ref in enumerate(model.references):
-        if ref.reason in {"", OUTLIER}:
+        if ref.candidate:
             places[ref.label, ref.xyxy, ref.depth].append(index)
     own = np.full(len(detections), -1, dtype=np.intp)
     for row, detection in enumerate(detections):
@@ -250,113 +184,34 @@ def _own_rows(model: ScaleModel, detections: Sequence[Detection], obs: Observati
     return own
 
 
-def _with_prior(
-    model: ScaleModel, detections: Sequence[Detection], obs: Observations, own: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Mean and variance of log size from prior, measurement and all other references."""
-    log_obs, weight, keys = _joint_fit(model)
-    numbers = {key: number for number, key in enumerate(keys)}
-    groups = [
-        numbers.get(mean_key(detection.label, axis, model.priors), -1)
-        for detection, axis in zip(detections, obs.axis, strict=True)
-    ]
-    own_precision = np.array([ref.precision for ref in model.references] + [0.0])[own]
-    subjects = Subjects(
-        image=np.zeros(own.size, dtype=np.intp),
-        group=np.array(groups, dtype=np.intp),
-        tau=obs.tau,
-        own_weight=own_precision,
-        own_y=np.where(own_precision > 0, obs.prior_log - obs.log_size, 0.0),
-    )
-    view = view_from_others(log_obs, weight, subjects)
-    return fuse_with_prior(view, obs.prior_log, obs.prior_var, obs.log_size, obs.noise_var)
-
-
-def _joint_fit(
-    model: ScaleModel,
-) -> tuple[LogObservations, FloatArray, list[MeanKey | None]]:
-    """Rebuild the witnesses of log k, their precisions and the mean that each group shares."""
-    refs = [ref for ref in model.references if ref.precision > 0]
-    ref_keys = [mean_key(ref.label, ref.axis, model.priors) for ref in refs]
-    keys = list(dict.fromkeys(ref_keys))
-    y = [math.log(ref.k) - _log_var(ref) / 2 for ref in refs]
-    tau = [ref.prior_mean_std_m / ref.prior_m for ref in refs]
-    weight = [ref.precision for ref in refs]
-    group = [keys.index(key) for key in ref_keys]
-    if model.camera_precision and model.camera:
-        y.append(-math.log(model.camera.focal_px))
-        tau.append(0.0)
-        weight.append(model.camera_precision)
-        group.append(len(keys))
-    precision = np.array(weight, dtype=np.float64)
-    log_obs = LogObservations(
-        y=np.array(y, dtype=np.float64),
-        variance=1 / precision,
-        tau=np.array(tau, dtype=np.float64),
-        image=np.zeros(precision.size, dtype=np.intp),
-        group=np.array(group, dtype=np.intp),
-        firm=np.zeros(precision.size, dtype=np.bool_),
-    )
-    return log_obs, precision, keys
-
-
-def _log_var(ref: Reference) -> float:
-    """Variance of log size between individuals, which sets the median apart from the mean."""
-    return math.log1p((ref.prior_std_m / ref.prior_m) ** 2)
-
-
-def _row_flags(
-    obs: Observations, is_reference: BoolArray, fused: BoolArray, flags: Flag
-) -> list[Flag]:
-    """Collect each row's reservations."""
-    columns = {
-        Flag.REFERENCE: is_reference,
-        Flag.PRIOR_USED: fused,
-        Flag.NO_DEPTH: np.isnan(obs.depth),
-        Flag.MIXED_DEPTH: obs.mixed,
-        Flag.PARTIAL: obs.partial,
-    }
-    return [
-        flags | flags_where({flag: bool(column[row]) for flag, column in columns.items()})
-        for row in range(obs.pixels.size)
-    ]
-
-
-def _estimates(
+def _wanted(
     model: ScaleModel,
     detections: Sequence[Detection],
     obs: Observations,
-    size_m: FloatArray,
-    std_m: FloatArray,
-    flags: Sequence[Flag],
-    distance: FloatArray | None,
-) -> list[SizeEstimate]:
-    """Gather the columns into results."""
-    scale = model.metres_per_pixel(obs.depth)
-    return [
-        SizeEstimate(
-            label=detection.label,
-            axis=obs.axis[row],
-            size_m=float(size_m[row]),
-            std_m=float(std_m[row]),
-            metres_per_pixel=float(scale[row]),
-            depth=float(obs.depth[row]),
-            distance_m=None if distance is None else float(distance[row]),
-            flags=flags[row],
-        )
-        for row, detection in enumerate(detections)
-    ]
-
-
-def _distances(model: ScaleModel, obs: Observations, *, other_map: bool) -> FloatArray | None:
-    """z-depths in metres: focal length x metres per pixel, or what metric depth itself says."""
-    if model.kind != "metric":
-        focal_px = model.focal_px
-        return None if focal_px is None else focal_px * model.metres_per_pixel(obs.depth)
-    if model.camera is None or other_map:
-        return obs.depth
-    # f k is the map's scale error times the focal length's: the map takes its share of it
-    map_var, focal_var = model.scale_rel_std**2, model.camera.focal_rel_std**2
-    share = map_var / (map_var + focal_var) if map_var else 0.0
-    distance: FloatArray = obs.depth * (model.camera.focal_px * model.k) ** share
-    return distance
+    keys: Sequence[MeanKey | None],
+    *,
+    use_prior: bool,
+) -> Wanted:
+    """Gather what is to be sized."""
+    if use_prior:
+        check_joint(model.method)
+    own = _own_rows(model, detections, obs)
+    refs = [None if index < 0 else model.references[index] for index in map(int, own)]
+    same_axis = np.array(
+        [ref is not None and ref.axis == axis for ref, axis in zip(refs, obs.axis, strict=True)],
+        dtype=np.bool_,
+    )
+    rejected = np.array([ref is not None and not ref.used for ref in refs], dtype=np.bool_)
+    share = np.array([0.0 if ref is None else ref.weight for ref in refs])
+    # a model's candidates are the rows of its problem
+    place = np.cumsum([*(ref.candidate for ref in model.references), False]) - 1
+    return Wanted(
+        subjects=in_groups(objects_of(obs), detections, obs, keys, model.priors),
+        own=np.where(same_axis, place[own], -1),
+        share=share,
+        common_var=obs.depth_var + np.where(same_axis, obs.box_var, 0.0),
+        # the prior of a whole object says nothing of a visible part or a rejected reference
+        fuse=use_prior & ~(np.isnan(obs.prior_m) | obs.partial | rejected),
+        log_k=np.full(own.size, math.log(model.k)),
+        shift=np.full(own.size, model.shift),
+    )

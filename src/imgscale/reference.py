@@ -39,15 +39,21 @@ class Reference:
     prior_m, prior_std_m, prior_mean_std_m : float
         Its prior: mean, spread between individuals and standard error of the mean, in metres, of
         the mixture where the label has several rows; NaN without a prior.
+    taken_as : str
+        The kind of thing that it was taken for, where its label may be several (adult, child,
+        sitting): what the box of that row of the table spans; empty where there is one.
+    taken_as_m : float
+        Mean size of that row, in metres; NaN without a prior.
+    taken_as_probability : float
+        Probability that it is sound and of that kind; NaN where it is no candidate.
     noise_rel : float
-        Relative standard error of box and depth together; NaN without a depth.
+        Relative standard error of box and depth together, as far as it was told; NaN without a
+        depth.
     posterior_m, posterior_std_m : float
         Its size in the light of all references, in metres; NaN where it is no candidate.
     z_score : float
         Residual of log size against all other references, in standard errors; NaN where there is
         no other.
-    precision : float
-        Weight that it kept in the fit of log k: 1 / variance, less where it disagrees.
     weight : float
         Its share in k, 0 to 1; shares sum to 1 (with the camera's, where that is a witness).
     mixed : bool
@@ -66,11 +72,13 @@ class Reference:
     prior_m: float = attrs.field(eq=nan_as_none)
     prior_std_m: float = attrs.field(eq=nan_as_none)
     prior_mean_std_m: float = attrs.field(eq=nan_as_none)
+    taken_as: str
+    taken_as_m: float = attrs.field(eq=nan_as_none)
+    taken_as_probability: float = attrs.field(eq=nan_as_none)
     noise_rel: float = attrs.field(eq=nan_as_none)
     posterior_m: float = attrs.field(eq=nan_as_none)
     posterior_std_m: float = attrs.field(eq=nan_as_none)
     z_score: float = attrs.field(eq=nan_as_none)
-    precision: float = attrs.field(eq=nan_as_none)
     weight: float = attrs.field(eq=nan_as_none)
     mixed: bool
     reason: str
@@ -79,6 +87,11 @@ class Reference:
     def used(self) -> bool:
         """True where it carried the fit."""
         return not self.reason
+
+    @property
+    def candidate(self) -> bool:
+        """True where it was given to the solver, which used or rejected it."""
+        return self.reason in {"", OUTLIER}
 
 
 def numbered_labels(labels: Sequence[str]) -> list[str]:

@@ -7,27 +7,36 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from imgscale._typing import BoolArray, FloatArray
+from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.detection import Detection
-from imgscale.estimator import (
-    LogFit,
-    LogObservations,
-    OthersView,
-    Subjects,
-    fuse_with_prior,
-    view_from_others,
-)
+from imgscale.mixture import MEDIAN, half_width
 from imgscale.observations import Observations
+from imgscale.predictive import fused, measured, residuals
+from imgscale.prior_choice import rows_along
+from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference
+from imgscale.solving import Cases, Estimate
 
 __all__ = ["explain_references"]
+
+# A reference is rejected where the odds are ten to one that it is wrong.
+_REJECTED = 0.1
+# What a detection that is no candidate gets.
+_ABSENT = {
+    "posterior_m": math.nan,
+    "posterior_std_m": math.nan,
+    "z_score": math.nan,
+    "weight": 0.0,
+    "taken_as_probability": math.nan,
+}
 
 
 def explain_references(
     detections: Sequence[Detection],
     obs: Observations,
-    log_obs: LogObservations,
-    solution: LogFit,
+    priors: PriorTable,
+    cases: Cases,
+    estimate: Estimate,
 ) -> tuple[Reference, ...]:
     """
     Explain every detection.
@@ -38,87 +47,78 @@ def explain_references(
         The objects.
     obs : Observations
         Their columns.
-    log_obs : LogObservations
-        The solver's columns: the eligible rows in their order and, last, the camera if it counts.
-    solution : LogFit
-        The fit.
+    priors : PriorTable
+        Sizes by label.
+    cases : Cases
+        The solutions; its witnesses are the eligible rows in their order and, last, the camera if
+        it counts.
+    estimate : Estimate
+        Their summary.
 
     Returns
     -------
     tuple of Reference
         One per detection.
     """
-    rows = obs.eligible
-    count = rows.size
-    tau, group = log_obs.tau[:count], log_obs.group[:count]
-
-    def view(weight: FloatArray) -> OthersView:
-        own = Subjects(
-            image=log_obs.image[:count],
-            group=group,
-            tau=tau,
-            own_weight=weight[:count],
-            own_y=log_obs.y[:count],
+    own_k = _own_k(obs, float(estimate.shift[0]))
+    columns = _columns(obs, cases, estimate)
+    place = {int(row): index for index, row in enumerate(obs.eligible)}
+    references: list[Reference] = []
+    for row, detection in enumerate(detections):
+        index = place.get(row)
+        kinds = rows_along(detection.label, obs.axis[row], priors)
+        likely = 0 if index is None else int(columns["kind"][index])
+        references.append(
+            Reference(
+                label=detection.label,
+                xyxy=detection.xyxy,
+                axis=obs.axis[row],
+                pixels=float(obs.pixels[row]),
+                depth=float(obs.depth[row]),
+                metres_per_pixel=float(obs.prior_m[row] / obs.pixels[row]),
+                k=float(own_k[row]),
+                prior_m=float(obs.prior_m[row]),
+                prior_std_m=float(obs.prior_std_m[row]),
+                prior_mean_std_m=float(obs.prior_mean_std_m[row]),
+                taken_as=kinds[likely].spans if len(kinds) > 1 and index is not None else "",
+                taken_as_m=kinds[likely].mean_m if kinds else math.nan,
+                noise_rel=math.sqrt(obs.noise_var[row]),
+                mixed=bool(obs.mixed[row]),
+                reason=obs.reason[row] if index is None else OUTLIER * bool(columns["out"][index]),
+                **{
+                    name: absent if index is None else float(columns[name][index])
+                    for name, absent in _ABSENT.items()
+                },
+            )
         )
-        return view_from_others(log_obs, weight, own)
+    return tuple(references)
 
-    # residuals by the declared errors, so that a disagreement shows
-    others = view(solution.trust / log_obs.variance)
-    predicted = others.log_k + others.offset
-    predicted_var = others.log_k_var + others.offset_var + 2 * others.covariance
-    z_score = (log_obs.y[:count] - predicted) / np.sqrt(predicted_var + log_obs.variance[:count])
-    outlier = solution.trust[:count] == 0
-    measured = solution.log_k[0] + obs.log_size[rows]
-    fused, fused_var = fuse_with_prior(
-        view(solution.weight), obs.prior_log[rows], obs.prior_var[rows], obs.log_size[rows],
-        obs.noise_var[rows],
-    )  # fmt: skip
-    # an outlier's prior does not hold for it: what is left is its measurement
-    posterior = np.where(outlier, measured, fused)
-    posterior_var = np.where(outlier, solution.log_std[0] ** 2 + obs.noise_var[rows], fused_var)
 
-    columns = {
-        "posterior_m": np.exp(posterior),
-        "posterior_std_m": np.exp(posterior) * np.sqrt(posterior_var),
-        "z_score": z_score,
-        "precision": solution.weight[:count],
-        "weight": solution.share[:count],
+def _columns(
+    obs: Observations, cases: Cases, estimate: Estimate
+) -> dict[str, FloatArray | IntArray | BoolArray]:
+    """Gather what the solutions say of the candidates."""
+    own = np.arange(obs.eligible.size)
+    candidates = cases.witnesses.rows(own)
+    rejected = estimate.trust[own] < _REJECTED
+    log_size = fused(cases, candidates, own).quantiles()
+    if rejected.any():  # its prior does not hold for it: what is left is its measurement
+        log_size[rejected] = measured(cases, candidates.rows(rejected)).quantiles()
+    posterior_m = np.exp(log_size[:, MEDIAN])
+    kinds = estimate.kinds[own]
+    return {
+        "posterior_m": posterior_m,
+        "posterior_std_m": posterior_m * half_width(log_size),
+        "z_score": residuals(cases, candidates, own),
+        "weight": estimate.share[own],
+        "taken_as_probability": kinds.max(axis=1),
+        "kind": kinds.argmax(axis=1),
+        "out": rejected,
     }
-    place = {int(row): index for index, row in enumerate(rows)}
-    return tuple(
-        _reference(detection, obs, row, place.get(row), columns, outlier)
-        for row, detection in enumerate(detections)
-    )
 
 
-def _reference(
-    detection: Detection,
-    obs: Observations,
-    row: int,
-    place: int | None,
-    columns: dict[str, FloatArray],
-    outlier: BoolArray,
-) -> Reference:
-    """Gather one row; `place` is its place among the candidates."""
-    absent = {"precision": 0.0, "weight": 0.0}
-    own = {
-        name: absent.get(name, math.nan) if place is None else float(values[place])
-        for name, values in columns.items()
-    }
-    reason = obs.reason[row] if place is None else (OUTLIER if outlier[place] else "")
-    return Reference(
-        label=detection.label,
-        xyxy=detection.xyxy,
-        axis=obs.axis[row],
-        pixels=float(obs.pixels[row]),
-        depth=float(obs.depth[row]),
-        metres_per_pixel=float(obs.prior_m[row] / obs.pixels[row]),
-        k=float(obs.prior_m[row] / math.exp(obs.log_size[row])),
-        prior_m=float(obs.prior_m[row]),
-        prior_std_m=float(obs.prior_std_m[row]),
-        prior_mean_std_m=float(obs.prior_mean_std_m[row]),
-        noise_rel=math.sqrt(obs.noise_var[row]),
-        mixed=bool(obs.mixed[row]),
-        reason=reason,
-        **own,
-    )
+def _own_k(obs: Observations, shift: float) -> FloatArray:
+    """Compute the k that each object alone gives; NaN without prior or depth."""
+    with np.errstate(invalid="ignore"):
+        own_k: FloatArray = obs.prior_m * (obs.inverse_depth + shift) / obs.pixels
+    return own_k

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from typing import Unpack
 
 import numpy as np
 
 from imgscale._checks import check_type
+from imgscale._typing import FitMethod, IntArray
+from imgscale.columns import objects_of
 from imgscale.depth import Depth
 from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
 from imgscale.estimate import SizeEstimate
 from imgscale.fitting import FitOptions, fit_observed, observe_references
-from imgscale.prediction import estimate_observed
+from imgscale.flags import Flag
+from imgscale.observations import Observations
+from imgscale.posing import check_joint, check_separable, problem_of, solve_by
 from imgscale.priors import PriorTable
+from imgscale.sizing import Sizes, Wanted, distances, gather, row_flags, size_up
+from imgscale.solving import Problem, estimate
 
 __all__ = ["leave_one_out"]
 
-_LEFT_OUT = "left out"
+# References times references that are solved at once, for memory.
+_ROWS_AT_ONCE = 4000
 
 
 def leave_one_out(
@@ -71,26 +79,87 @@ def leave_one_out(
     >>> for estimate in ims.leave_one_out(detections, depth, priors):
     ...     print(estimate)
     door: height 1.97 +- 0.07 m
-    table: height 0.750 +- 0.017 m
+    table: height 0.750 +- 0.018 m
     """
     check_type("use_prior", use_prior, bool)
     detections = check_detections(detections)
     obs, setting = observe_references(detections, depth, priors, **fit_options)
+    if use_prior:
+        check_joint(setting.method)
+    problem = problem_of(detections, obs, setting)
+    rows = obs.eligible
+    _check_enough([detections[int(row)].label for row in rows], problem)
+    model = fit_observed(detections, obs, setting)
     nobody = np.full(len(detections), -1, dtype=np.intp)  # none of them was in its own fit
-    estimates = estimate_observed(
-        fit_observed(detections, obs, setting), detections, obs, own=nobody, use_prior=use_prior
+    wanted = Wanted(
+        subjects=objects_of(obs)._replace(group=_groups(obs)),
+        own=nobody,
+        common_var=np.zeros(nobody.size),
+        share=np.zeros(nobody.size),
+        fuse=use_prior & ~(np.isnan(obs.prior_m) | obs.partial),
+        log_k=np.full(nobody.size, math.log(model.k)),
+        shift=np.full(nobody.size, model.shift),
     )
-    for row in (int(index) for index in obs.eligible):
-        reasons = list(obs.reason)
-        reasons[row] = _LEFT_OUT
-        try:
-            model = fit_observed(detections, obs._replace(reason=tuple(reasons)), setting)
-        except FitError as error:
-            msg = (
-                "`detections` must hold at least two references to leave one out; "
-                f"got {detections[row].label} alone."
-            )
-            raise FitError(msg) from error
-        left_out = estimate_observed(model, detections, obs, own=nobody, use_prior=use_prior)
-        estimates[row] = left_out[row]
-    return estimates
+    sizes = size_up(solve_by(setting.method, problem), wanted)
+    for places in _chunks(problem, rows.size, setting.method):
+        part = _sizes_without(problem, places, setting.method, wanted.rows(rows[places]))
+        sizes = sizes.updated(rows[places], part)
+    return gather(
+        detections,
+        obs,
+        sizes,
+        row_flags(obs, wanted, sizes, problem, Flag(0)),
+        distances(model, obs.depth, sizes.metres_per_pixel),
+    )
+
+
+def _groups(obs: Observations) -> IntArray:
+    """Give the objects' labels the numbers that its problem gives them; -1 for others."""
+    numbers = {
+        int(group): number for number, group in enumerate(np.unique(obs.group[obs.eligible]))
+    }
+    return np.array([numbers.get(int(group), -1) for group in obs.group], dtype=np.intp)
+
+
+def _check_enough(labels: Sequence[str], problem: Problem) -> None:
+    """Raise where leaving one out leaves too few."""
+    firm = problem.witnesses.firm
+    if len(labels) == 1 and not firm.any():
+        msg = (
+            "`detections` must hold at least two references to leave one out; "
+            f"got {labels[0]} alone."
+        )
+        raise FitError(msg)
+    if problem.has_shift:
+        for row in np.flatnonzero(~firm):
+            check_separable(np.delete(problem.witnesses.inverse_depth, row))
+
+
+def _chunks(problem: Problem, count: int, method: FitMethod) -> Iterator[IntArray]:
+    """Split the references into runs that are left out in one go."""
+    rows = max(problem.witnesses.image.size, 1)
+    size = max(1, _ROWS_AT_ONCE // rows) if method in {"robust", "posterior"} else 1
+    for start in range(0, count, size):
+        yield np.arange(start, min(start + size, count), dtype=np.intp)
+
+
+def _sizes_without(problem: Problem, places: IntArray, method: FitMethod, wanted: Wanted) -> Sizes:
+    """Size references of a problem, each from all others, as images of their own."""
+    everyone = np.arange(problem.witnesses.image.size)
+    others = [np.delete(everyone, place) for place in places]
+    witnesses = problem.witnesses.rows(np.concatenate(others))
+    image = np.repeat(np.arange(places.size), everyone.size - 1)
+    n_groups = int(problem.witnesses.group.max()) + 1
+    numbers, group = np.unique(witnesses.group + n_groups * image, return_inverse=True)
+    own = wanted.subjects.group + n_groups * np.arange(places.size)
+    number = np.minimum(np.searchsorted(numbers, own), numbers.size - 1)
+    left = problem._replace(
+        witnesses=witnesses._replace(image=image, group=group.astype(np.intp)),
+        n_images=places.size,
+    )
+    cases = solve_by(method, left)
+    found = estimate(left, cases)
+    subjects = wanted.subjects._replace(
+        image=np.arange(places.size), group=np.where(numbers[number] == own, number, -1)
+    )
+    return size_up(cases, wanted._replace(subjects=subjects, log_k=found.log_k, shift=found.shift))

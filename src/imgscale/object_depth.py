@@ -1,0 +1,149 @@
+"""One depth per detection, from any source of depth, with what is known of its error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import attrs
+import numpy as np
+
+from imgscale._typing import BoolArray, FloatArray, ImageSize
+from imgscale.depth import DepthMap, GroundPlane, ObjectDepths, check_depth_type
+from imgscale.detection import Detection
+from imgscale.laws import LAWS
+from imgscale.noise import Noise
+from imgscale.sampling import DepthSample, sample_surface
+
+
+class DepthColumns(NamedTuple):
+    """
+    Depths of detections.
+
+    Attributes
+    ----------
+    value : (N,) ndarray of float64
+        In the unit given; NaN where there is none.
+    rel_std : (N,) ndarray of float64
+        Relative standard error, as far as it was told.
+    unknown_noise : bool
+        True where nobody told how much they err besides.
+    mixed : (N,) ndarray of bool
+        True where two surfaces share the box.
+    """
+
+    value: FloatArray
+    rel_std: FloatArray
+    unknown_noise: bool
+    mixed: BoolArray
+
+
+def usable_depth(depth: object) -> DepthMap | ObjectDepths:
+    """
+    Return depth of a type and kind that can be fitted.
+
+    Parameters
+    ----------
+    depth : object
+        What was given as depth.
+
+    Returns
+    -------
+    DepthMap or ObjectDepths
+        The same.
+
+    Raises
+    ------
+    TypeError
+        If it is no depth.
+    ValueError
+        If it is a depth that this version does not fit.
+    """
+    known = check_depth_type(depth)
+    if isinstance(known, GroundPlane):
+        msg = (
+            "`depth` must be a DepthMap or ObjectDepths in this version; got a GroundPlane. "
+            "Sizes from the ground plane alone are not fitted yet."
+        )
+        raise ValueError(msg)  # noqa: TRY004 - a lawful type whose turn has not come
+    return known
+
+
+def with_image_size(
+    depth: DepthMap | ObjectDepths, image_size: ImageSize | None
+) -> DepthMap | ObjectDepths:
+    """
+    Tell depth the size of its image where it does not know it.
+
+    Parameters
+    ----------
+    depth : DepthMap or ObjectDepths
+        The depth.
+    image_size : (width, height) or None
+        Size of the image in pixels, as the camera or the model knows it.
+
+    Returns
+    -------
+    DepthMap or ObjectDepths
+        The same depth, with an `image_size` where there is one.
+    """
+    if isinstance(depth, DepthMap) or depth.image_size or not image_size:
+        return depth
+    return attrs.evolve(depth, image_size=image_size)
+
+
+def object_depths(
+    detections: Sequence[Detection], depth: DepthMap | ObjectDepths, noise: Noise
+) -> DepthColumns:
+    """
+    Read one depth for each detection.
+
+    Parameters
+    ----------
+    detections : sequence of Detection
+        The objects.
+    depth : DepthMap or ObjectDepths
+        Their depth.
+    noise : Noise
+        What was told of its error.
+
+    Returns
+    -------
+    DepthColumns
+        One row per detection.
+
+    Raises
+    ------
+    ValueError
+        If there is not one depth per detection.
+    """
+    count = len(detections)
+    if isinstance(depth, ObjectDepths):
+        if len(depth) != count:
+            msg = (
+                f"`depth` must hold one value per detection, {count}; got {len(depth)}. "
+                "NaN stands for an unknown depth."
+            )
+            raise ValueError(msg)
+        unknown = noise.depth_rel is None and depth.rel_std is None
+        own = np.full(count, depth.rel_std or 0.0)
+        mixed = np.zeros(count, dtype=np.bool_)
+        values = depth.values.astype(np.float64)
+    else:
+        unknown = noise.depth_rel is None
+        samples = [_sample(detection, depth) for detection in detections]
+        values = np.array([sample.value for sample in samples], dtype=np.float64)
+        own = np.array([sample.rel_std for sample in samples], dtype=np.float64)
+        mixed = np.array([sample.mixed for sample in samples], dtype=np.bool_)
+    return DepthColumns(values, np.hypot(own, noise.depth_rel or 0.0), unknown, mixed)
+
+
+def _sample(detection: Detection, depth: DepthMap) -> DepthSample:
+    return sample_surface(
+        depth.values,
+        detection.xyxy,
+        kind=depth.kind,
+        image_size=depth.image_size,
+        nearness=1 if LAWS[depth.kind].inverse else -1,
+        mask=detection.mask,
+    )

@@ -1,0 +1,252 @@
+"""What a fit asks the core: the problem posed by detections, or once more by a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from imgscale._typing import DepthKind, FitMethod, FloatArray, ImageSize
+from imgscale.camera import Camera
+from imgscale.closed_form import least_squares, mean_ratio
+from imgscale.columns import (
+    CameraWitness,
+    camera_witness,
+    chosen,
+    objects_of,
+    references_of,
+    with_camera,
+)
+from imgscale.detection import Detection
+from imgscale.errors import FitError
+from imgscale.estimator import log_k_std
+from imgscale.laws import LAWS
+from imgscale.model import ScaleModel
+from imgscale.noise import Noise
+from imgscale.observations import NO_DEPTH, NO_PRIOR, PARTIAL, Observations
+from imgscale.prior_choice import MeanKey
+from imgscale.priors import PriorTable
+from imgscale.reference import numbered_labels
+from imgscale.segments import LogFit
+from imgscale.solving import Cases, Problem, closed_form_cases, solve
+from imgscale.witnesses import middle_case, observe_under
+
+# Inverse depths that differ by less, relative to the largest, are rounding of one.
+_SAME_DEPTH = 1e-9
+
+
+class Setting(NamedTuple):
+    """
+    What a model keeps of the call that made it; the fields are those of `ScaleModel`.
+
+    Attributes
+    ----------
+    kind, method, priors, noise, camera, image_size, fingerprint, scale_rel_std : object
+        As in `ScaleModel`.
+    """
+
+    kind: DepthKind
+    method: FitMethod
+    priors: PriorTable
+    noise: Noise
+    camera: Camera | None
+    image_size: ImageSize | None
+    fingerprint: int | None
+    scale_rel_std: float
+
+
+def problem_of(detections: Sequence[Detection], obs: Observations, setting: Setting) -> Problem:
+    """
+    Turn the rows that have no reason against them into a problem for the solver.
+
+    Parameters
+    ----------
+    detections : sequence of Detection
+        The objects, for messages.
+    obs : Observations
+        Their columns.
+    setting : Setting
+        The options of the fit.
+
+    Returns
+    -------
+    Problem
+        Of one image.
+
+    Raises
+    ------
+    FitError
+        If the references do not fix the scale.
+    """
+    witnesses = chosen(objects_of(obs), obs.eligible)
+    camera = witness_of(setting)
+    if camera:
+        witnesses = with_camera(witnesses, camera)
+    if not witnesses.image.size:
+        raise FitError(_no_reference(detections, obs))
+    has_shift = LAWS[setting.kind].has_shift
+    if has_shift:
+        check_separable(witnesses.inverse_depth)
+    return Problem(
+        witnesses=witnesses,
+        n_images=1,
+        has_shift=has_shift,
+        unknown_noise=obs.unknown_noise,
+        exact=setting.method == "posterior",
+    )
+
+
+def problem_of_model(model: ScaleModel) -> tuple[Problem, list[MeanKey | None]]:
+    """
+    Pose the problem that a model solved.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+
+    Returns
+    -------
+    problem : Problem
+        Of one image; its rows are the model's candidates in their order and the camera.
+    keys : list
+        The mean size that each group shares.
+    """
+    witnesses, keys = references_of(model)
+    problem = Problem(
+        witnesses=witnesses,
+        n_images=1,
+        has_shift=LAWS[model.kind].has_shift,
+        unknown_noise=model.depth_rel is not None,
+        exact=model.method == "posterior",
+    )
+    return problem, keys
+
+
+def check_joint(method: str) -> None:
+    """
+    Raise where a method has no joint fit of k and sizes.
+
+    Parameters
+    ----------
+    method : str
+        The method.
+
+    Raises
+    ------
+    ValueError
+        If it is one of the paper's.
+    """
+    if method not in {"robust", "posterior"}:
+        msg = (
+            f'`use_prior` must be False for method "{method}"; only "posterior" and "robust" fit '
+            "jointly."
+        )
+        raise ValueError(msg)
+
+
+def check_separable(inverse_depth: FloatArray) -> None:
+    """
+    Raise where references cannot tell the shift of the inverse depth from the scale.
+
+    Parameters
+    ----------
+    inverse_depth : (N,) ndarray of float
+        Inverse depths of the references.
+
+    Raises
+    ------
+    FitError
+        If there are fewer than two different ones.
+    """
+    spread = float(np.ptp(inverse_depth))
+    if spread <= _SAME_DEPTH * float(np.abs(inverse_depth).max()):
+        msg = (
+            "`detections` must hold at least two references at different depths to fit the scale "
+            f"and the shift of an inverse depth; got {inverse_depth.size} at "
+            f"{float(inverse_depth[0]):g}. Add a reference nearer or farther, or pass depth of "
+            'kind "inverse" where its shift is known to be 0.'
+        )
+        raise FitError(msg)
+
+
+def witness_of(setting: Setting) -> CameraWitness | None:
+    """
+    Let the camera be a witness where it is one: of k with metric depth, for the two solvers.
+
+    Parameters
+    ----------
+    setting : Setting
+        The options of the fit.
+
+    Returns
+    -------
+    CameraWitness or None
+        What the camera says.
+    """
+    fitted = setting.method in {"robust", "posterior"}
+    if setting.camera is None or setting.kind != "metric" or not fitted:
+        return None
+    return camera_witness(setting.camera, setting.scale_rel_std)
+
+
+def solve_by(method: FitMethod, problem: Problem) -> Cases:
+    """
+    Solve a problem of one image by any method.
+
+    Parameters
+    ----------
+    method : str
+        The method.
+    problem : Problem
+        The problem.
+
+    Returns
+    -------
+    Cases
+        Its solutions.
+    """
+    if method in {"robust", "posterior"}:
+        return solve(problem)
+    witnesses = problem.witnesses
+    nuisance = middle_case(np.zeros((1, 1)), unknown_noise=problem.unknown_noise)
+    log_obs = observe_under(witnesses, nuisance)
+    closed_form = mean_ratio if method == "mean_ratio" else least_squares
+    log_mean = witnesses.prior_log + witnesses.prior_var / 2
+    k, share = closed_form(np.exp(witnesses.log_size(nuisance)[0]), np.exp(log_mean))
+    # its error is the declared one or, where that is more, the scatter
+    own_k = log_mean - witnesses.log_size(nuisance)[0]
+    chi2 = float(np.sum(((own_k - math.log(k)) / log_obs.total_std) ** 2))
+    scatter = max(1.0, chi2 / max(1, own_k.size - 1))
+    fit = LogFit(
+        log_k=np.array([math.log(k)]),
+        log_std=math.sqrt(scatter) * log_k_std(log_obs, share),
+        trust=np.ones_like(share),
+        weight=1 / log_obs.variance,
+        share=share,
+    )
+    return closed_form_cases(witnesses, nuisance, fit)
+
+
+def _no_reference(detections: Sequence[Detection], obs: Observations) -> str:
+    """Say what was seen and what to add."""
+    seen = [
+        f"{name} ({reason})"
+        for name, reason in zip(
+            numbered_labels([detection.label for detection in detections]), obs.reason, strict=True
+        )
+    ]
+    more = f" and {len(seen) - 5} more" if len(seen) > 5 else ""
+    remedies = {
+        NO_PRIOR: "Add sizes with PriorTable.default().with_prior(ObjectPrior(label, mean_m, "
+        "std_m)).",
+        PARTIAL: "Partial objects show only a part of their size.",
+        NO_DEPTH: "Check that the map has valid depth inside the boxes.",
+    }
+    given = "".join(f" {text}" for reason, text in remedies.items() if reason in obs.reason)
+    return (
+        "`detections` must hold at least one reference: an object with a prior and a depth, in "
+        f"full view; got {', '.join(seen[:5]) or 'no detection'}{more}.{given}"
+    )

@@ -1,0 +1,308 @@
+"""
+The exact posterior of log k on a grid: arrays only, many images at once.
+
+The model is that of `imgscale.segments`, with references of which some are wrong. A reference of
+label c sees v = log k + u_c, and its likelihood is
+
+    g_i(v) = 0.95 sum_j w_j N(y_ij - v; v_ij) + outliers(y_i - v),
+
+where j runs over the kinds of thing that the label may be, N(.; variance) is the normal density and
+the outliers are those of `imgscale.evidence`. With g_c the product over a label's references, the
+likelihood of log k is the product over the labels of g_c convolved with N(0, tau_c^2).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from imgscale._typing import FloatArray
+from imgscale.evidence import SOUND, outlier_density
+from imgscale.segments import (
+    LogFit,
+    LogObservations,
+    Subjects,
+    View,
+    normalised,
+    shares_of_k,
+    sum_by,
+)
+
+# The grid: half a standard deviation of the sharpest label apart, and wide enough for outliers.
+_STEP = 0.5
+_LARGEST_GRID = 1024
+_REACH = 5.0
+_OUTLIER_REACH = 2.0
+# Kernels of labels' offsets reach 5 standard deviations; those of a variance below half a squared
+# step keep only that variance.
+_KERNEL_REACH = 5.0
+_NARROW = 0.5
+# Log likelihoods are cut off here, relative to their largest: exp() of them is still a number.
+_LOWEST = -600.0
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+class GridFit(NamedTuple):
+    """
+    Posteriors of log k of many images, each on a grid of its own of G points.
+
+    Attributes
+    ----------
+    points : (n_images, G) ndarray of float64
+        Values of log k, equally spaced.
+    log_density : (n_images, G) ndarray of float64
+        Log likelihood of log k.
+    log_row : (N, G) ndarray of float64
+        Log likelihood of each reference at the points as values of v.
+    log_group : (n_groups, G) ndarray of float64
+        The label's sum of it.
+    core : (N, G, J) ndarray of float64
+        Probability that a reference is sound and of the kind j, given v.
+    log_seen, seen_mean, seen_var : (n_groups, G) ndarray of float64
+        What all other labels say of v: its log likelihood, and log k given v.
+    """
+
+    points: FloatArray
+    log_density: FloatArray
+    log_row: FloatArray
+    log_group: FloatArray
+    core: FloatArray
+    log_seen: FloatArray
+    seen_mean: FloatArray
+    seen_var: FloatArray
+
+    @property
+    def step(self) -> FloatArray:
+        """Spacing of each image's grid."""
+        return self.points[:, 1] - self.points[:, 0]
+
+
+def fit_grid(obs: LogObservations) -> GridFit:
+    """
+    Evaluate the posterior of log k of every image.
+
+    Parameters
+    ----------
+    obs : LogObservations
+        The references; every image has at least one.
+
+    Returns
+    -------
+    GridFit
+        The posteriors.
+    """
+    points, least = _grid(obs)
+    step = points[:, 1] - points[:, 0]
+    v = points[obs.image]
+    widened = least[obs.image]
+    part = obs.kinds
+    residual = part.mean[:, None, :] - v[:, :, None]
+    variance = (part.variance + widened[:, None])[:, None, :]
+    share = part.share * np.where(obs.firm, 1.0, SOUND)[:, None]
+    sound = share[:, None, :] * np.exp(-0.5 * residual**2 / variance) / np.sqrt(variance)
+    wrong = outlier_density(obs.y[:, None] - v, (obs.variance + widened)[:, None])
+    wrong = np.where(obs.firm[:, None], 0.0, wrong)
+    total = sound.sum(axis=2) + wrong
+    log_row = np.log(np.maximum(total, _TINY))
+    log_group = sum_by(obs.group, log_row)
+    log_group = np.maximum(log_group, log_group.max(axis=1, keepdims=True) + _LOWEST)
+    image, tau = obs.of_groups()
+    log_shared = _log_smoothed(log_group, tau / step[image])
+    log_density = sum_by(image, log_shared)
+    log_seen, seen_mean, seen_var = _seen(
+        log_density[image] - log_shared, points[image], tau / step[image]
+    )
+    return GridFit(
+        points=points,
+        log_density=log_density,
+        log_row=log_row,
+        log_group=log_group,
+        log_seen=log_seen,
+        seen_mean=seen_mean,
+        seen_var=seen_var,
+        core=sound / np.maximum(total, _TINY)[:, :, None],
+    )
+
+
+def log_evidence(fit: GridFit) -> FloatArray:
+    """
+    Compute the evidence of each image's references.
+
+    Parameters
+    ----------
+    fit : GridFit
+        The posteriors.
+
+    Returns
+    -------
+    (n_images,) ndarray of float64
+        Log of the likelihood, log k integrated out.
+    """
+    peak = fit.log_density.max(axis=1)
+    total = np.exp(fit.log_density - peak[:, None]).sum(axis=1) * fit.step
+    evidence: FloatArray = peak + np.log(total)
+    return evidence
+
+
+def view_on_grid(fit: GridFit, subjects: Subjects) -> View:
+    """
+    Tell what all other references say of log k and of a label's offset, for any objects.
+
+    Parameters
+    ----------
+    fit : GridFit
+        The posteriors.
+    subjects : Subjects
+        The objects.
+
+    Returns
+    -------
+    View
+        A case for each point v = log k + u: mean and variance of log k given v. The weights hold
+        the evidence of the references.
+    """
+    points, step = fit.points[subjects.image], fit.step[subjects.image]
+    known, own = subjects.group >= 0, subjects.own >= 0
+    log_seen, mean, variance = (np.empty_like(points) for _ in range(3))
+    group = subjects.group[known]
+    log_seen[known] = fit.log_seen[group] + fit.log_group[group]
+    mean[known], variance[known] = fit.seen_mean[group], fit.seen_var[group]
+    if not known.all():
+        alone = ~known
+        log_seen[alone], mean[alone], variance[alone] = _seen(
+            fit.log_density[subjects.image[alone]],
+            points[alone],
+            (subjects.tau / step)[alone],
+        )
+    log_seen[own] -= fit.log_row[subjects.own[own]]
+    return View(
+        log_weight=log_seen + np.log(step)[:, None],
+        log_k=mean,
+        log_k_var=variance,
+        offset=points - mean,
+        offset_var=variance,
+        covariance=-variance,
+    )
+
+
+def believe(obs: LogObservations, fit: GridFit) -> tuple[LogFit, FloatArray]:
+    """
+    Summarise the posteriors: how far each reference was believed, and k from those that were.
+
+    Parameters
+    ----------
+    obs : LogObservations
+        The references.
+    fit : GridFit
+        Their posteriors.
+
+    Returns
+    -------
+    summary : LogFit
+        Log k is the mean of the references' own, weighted by the precisions that they kept.
+    kinds : (N, J) ndarray of float64
+        Probability that each is sound and of the kind j of its label.
+    """
+    rows = np.arange(obs.y.size)
+    view = view_on_grid(fit, Subjects(obs.image, obs.group, obs.tau, rows))
+    log_weight = view.log_weight + fit.log_row
+    weight = normalised(log_weight, 1)
+    kinds: FloatArray = np.einsum("ng,ngj->nj", weight, fit.core)
+    part = obs.kinds
+    trust = kinds.sum(axis=1)
+    precision = (kinds / part.variance).sum(axis=1)
+    own = np.where(precision > 0, (kinds / part.variance * part.mean).sum(axis=1), 0.0)
+    share = shares_of_k(obs, precision)
+    own_k = np.where(precision > 0, own / np.where(precision > 0, precision, 1.0), obs.y)
+    density = normalised(fit.log_density, 1)
+    mean = (density * fit.points).sum(axis=1)
+    variance = (density * (fit.points - mean[:, None]) ** 2).sum(axis=1)
+    summary = LogFit(
+        log_k=sum_by(obs.image, share * own_k),
+        log_std=np.sqrt(variance),
+        trust=trust,
+        weight=precision,
+        share=share,
+    )
+    return summary, kinds
+
+
+def _seen(
+    log_density: FloatArray, points: FloatArray, std_steps: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Log likelihood of v = log k + u, and mean and variance of log k given v."""
+    if not std_steps.any():
+        return log_density, points, np.zeros_like(points)
+    peak = log_density.max(axis=1, keepdims=True)
+    density = np.exp(np.maximum(log_density - peak, _LOWEST))
+    centre = (density * points).sum(axis=1, keepdims=True) / density.sum(axis=1, keepdims=True)
+    x = points - centre
+    moments = np.concatenate([density, density * x, density * x**2])
+    total, first, second = np.split(_smoothed(moments, np.tile(std_steps, 3)), 3)
+    total = np.maximum(total, _TINY)
+    mean = first / total
+    return np.log(total) + peak, mean + centre, np.maximum(second / total - mean**2, 0.0)
+
+
+def _log_smoothed(log_values: FloatArray, std_steps: FloatArray) -> FloatArray:
+    """Convolve functions that are given by their logarithms with normal densities."""
+    if not std_steps.any():
+        return log_values
+    peak = log_values.max(axis=1, keepdims=True)
+    smooth = _smoothed(np.exp(log_values - peak), std_steps)
+    result: FloatArray = np.log(np.maximum(smooth, _TINY)) + peak
+    return result
+
+
+def _smoothed(values: FloatArray, std_steps: FloatArray) -> FloatArray:
+    """Convolve rows with normal densities; they count as 0 beyond their ends."""
+    rows, size = values.shape
+    reach = max(1, min(math.ceil(_KERNEL_REACH * float(std_steps.max())), size - 1))
+    at = np.arange(-reach, reach + 1)
+    variance = std_steps[:, None] ** 2
+    narrow = variance < _NARROW
+    kernel = np.exp(-0.5 * at**2 / np.where(narrow, 1.0, variance))
+    kernel /= kernel.sum(axis=1, keepdims=True)
+    three = np.where(at == 0, 1 - variance, np.where(np.abs(at) == 1, variance / 2, 0.0))
+    kernel = np.where(narrow, three, kernel)
+    padded = np.zeros((rows, size + 2 * reach))
+    padded[:, reach : reach + size] = values
+    windows = np.lib.stride_tricks.sliding_window_view(padded, kernel.shape[1], axis=1)
+    result: FloatArray = np.einsum("rgt,rt->rg", windows, kernel)
+    return result
+
+
+def _grid(obs: LogObservations) -> tuple[FloatArray, FloatArray]:
+    """Place each image's points; and the least variance that they can resolve."""
+    part = obs.kinds
+    low = np.where(part.share > 0, part.mean, np.inf).min(axis=1)
+    high = np.where(part.share > 0, part.mean, -np.inf).max(axis=1)
+    std = np.sqrt(np.where(part.share > 0, part.variance, np.inf).min(axis=1))
+    n_images = obs.n_images
+    fallible = np.bincount(obs.image, ~obs.firm, n_images)
+    sharpest = np.full(n_images, np.inf)
+    np.minimum.at(sharpest, obs.image, np.hypot(std, obs.tau))
+    reach = _REACH * sharpest + np.where(
+        fallible > 0, _OUTLIER_REACH / np.maximum(fallible, 1), 0.0
+    )
+    first, last = np.full(n_images, np.inf), np.full(n_images, -np.inf)
+    np.minimum.at(first, obs.image, low)
+    np.maximum.at(last, obs.image, high)
+    first, last = first - reach, last + reach
+    # a firm witness leaves no other place
+    firm_reach = np.where(obs.firm, 2 * _REACH * std, np.inf)
+    np.maximum.at(first, obs.image, obs.y - firm_reach)
+    np.minimum.at(last, obs.image, obs.y + firm_reach)
+    information = np.bincount(obs.group, 1 / std**2)
+    image, _ = obs.of_groups()
+    least_std = np.full(n_images, np.inf)
+    np.minimum.at(least_std, image, 1 / np.sqrt(information))
+    wanted = np.ceil((last - first) / (_STEP * least_std)) + 1
+    count = int(min(max(wanted.max(), 16), _LARGEST_GRID))
+    points = np.linspace(first, last, count, axis=1)
+    step = points[:, 1] - points[:, 0]
+    members = np.bincount(obs.group).max(initial=1)
+    too_fine = step > _STEP * least_std * 1.001
+    return points, np.where(too_fine, members * (step / _STEP) ** 2, 0.0)

@@ -1,0 +1,291 @@
+"""From solutions to `SizeEstimate`: for `predict` and `leave_one_out` alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from imgscale._typing import BoolArray, FloatArray, IntArray
+from imgscale.detection import Detection
+from imgscale.estimate import SizeEstimate
+from imgscale.flags import Flag, flags_where
+from imgscale.mixture import MEDIAN, half_width
+from imgscale.model import ScaleModel
+from imgscale.observations import Observations
+from imgscale.predictive import fused, measured, measured_again, prior_alone
+from imgscale.solving import Cases, Problem
+from imgscale.witnesses import Sized
+
+# How many times as near or far as the references' range a shift is not trusted.
+_FAR_OFF = 2.0
+
+
+class Wanted(NamedTuple):
+    """
+    Objects to be sized.
+
+    Attributes
+    ----------
+    subjects : Sized
+        The objects.
+    own : (M,) ndarray of int
+        Which reference each was, along the same axis; -1 for none.
+    common_var : (M,) ndarray of float64
+        Variance of the errors that a reference shares with k, as far as it was told.
+    share : (M,) ndarray of float64
+        Share of the object in log k, 0 where it was no reference.
+    fuse : (M,) ndarray of bool
+        Where the object's own prior is fused with the measurement.
+    log_k, shift : (M,) ndarray of float64
+        Log of the scale constant and shift of each object's image.
+    """
+
+    subjects: Sized
+    own: IntArray
+    common_var: FloatArray
+    share: FloatArray
+    fuse: BoolArray
+    log_k: FloatArray
+    shift: FloatArray
+
+    def rows(self, rows: IntArray) -> Wanted:
+        """
+        Take some rows.
+
+        Parameters
+        ----------
+        rows : (M,) ndarray of int
+            Which.
+
+        Returns
+        -------
+        Wanted
+            The rows.
+        """
+        columns: list[Any] = [column[rows] for column in self[1:]]
+        return Wanted(self.subjects.rows(rows), *columns)
+
+
+class Sizes(NamedTuple):
+    """
+    Sizes of objects.
+
+    Attributes
+    ----------
+    size_m, std_m : (M,) ndarray of float64
+        Median and standard error, in metres; NaN where it cannot be said.
+    quantiles_m : (M, 29) ndarray of float64
+        Quantiles at the standard scores, in metres.
+    metres_per_pixel : (M,) ndarray of float64
+        Scale at each object; NaN where there is none.
+    is_normal : bool
+        True where the logs of the sizes are all normal.
+    """
+
+    size_m: FloatArray
+    std_m: FloatArray
+    quantiles_m: FloatArray
+    metres_per_pixel: FloatArray
+    is_normal: bool = True
+
+    def updated(self, rows: IntArray, part: Sizes) -> Sizes:
+        """
+        Replace some rows.
+
+        Parameters
+        ----------
+        rows : (M,) ndarray of int
+            Which.
+        part : Sizes
+            Their new values.
+
+        Returns
+        -------
+        Sizes
+            The table with the new rows.
+        """
+        columns: list[Any] = [column.copy() for column in self[:-1]]
+        for column, values in zip(columns, part[:-1], strict=True):
+            column[rows] = values
+        return Sizes(*columns)._replace(is_normal=self.is_normal and part.is_normal)
+
+
+def size_up(cases: Cases, wanted: Wanted) -> Sizes:
+    """
+    Size objects.
+
+    Parameters
+    ----------
+    cases : Cases
+        The solutions of their images.
+    wanted : Wanted
+        The objects.
+
+    Returns
+    -------
+    Sizes
+        One row each: without a prior the median is exactly k d p.
+    """
+    subjects = wanted.subjects
+    mixture = measured(cases, subjects)
+    quantiles = mixture.quantiles()
+    references = np.flatnonzero(wanted.share > 0)
+    if references.size:
+        again = subjects.rows(references), wanted.share[references], wanted.common_var[references]
+        quantiles[references] = measured_again(cases, *again).quantiles()
+    inverse = subjects.inverse_depth + wanted.shift
+    with np.errstate(invalid="ignore", divide="ignore"):
+        log_scale = wanted.log_k - np.log(np.where(inverse > 0, inverse, np.nan))
+    log_size = log_scale + subjects.log_pixels
+    is_normal = mixture.weight.shape[1] == 1
+    rows = np.flatnonzero(wanted.fuse)
+    if rows.size:
+        with_prior = fused(cases, subjects.rows(rows), wanted.own[rows])
+        is_normal = is_normal and with_prior.weight.shape[1] == 1
+        quantiles[rows] = _no_wider(with_prior.quantiles(), subjects.rows(rows))
+        log_size[rows] = quantiles[rows, MEDIAN]
+    size_m = np.exp(log_size)
+    unknown = np.isnan(size_m)[:, None]
+    return Sizes(
+        size_m=size_m,
+        std_m=size_m * half_width(quantiles),
+        quantiles_m=np.where(unknown, np.nan, np.exp(quantiles)),
+        metres_per_pixel=np.exp(log_scale),
+        is_normal=is_normal,
+    )
+
+
+def _no_wider(quantiles: FloatArray, subjects: Sized) -> FloatArray:
+    """Fall back to the prior alone where a measurement contradicts it so much that it widens it."""
+    alone = prior_alone(subjects).quantiles()
+    wider = half_width(quantiles) > half_width(alone)
+    return np.where(wider[:, None], alone, quantiles)
+
+
+def row_flags(
+    obs: Observations, wanted: Wanted, sizes: Sizes, problem: Problem, shared: Flag
+) -> list[Flag]:
+    """
+    Collect each row's reservations.
+
+    Parameters
+    ----------
+    obs : Observations
+        The objects.
+    wanted : Wanted
+        What was wanted of them.
+    sizes : Sizes
+        Their sizes.
+    problem : Problem
+        The references that they rest on.
+    shared : Flag
+        Reservations that hold for all.
+
+    Returns
+    -------
+    list of Flag
+        One per object.
+    """
+    columns = {
+        Flag.REFERENCE: wanted.share > 0,
+        Flag.PRIOR_USED: wanted.fuse,
+        Flag.NO_DEPTH: np.isnan(obs.depth),
+        Flag.MIXED_DEPTH: obs.mixed,
+        Flag.PARTIAL: obs.partial,
+    }
+    if problem.has_shift:
+        columns[Flag.EXTRAPOLATED] = _extrapolated(wanted, problem)
+        columns[Flag.BEYOND_HORIZON] = ~np.isnan(obs.depth) & (
+            np.isnan(sizes.metres_per_pixel) | np.isposinf(sizes.quantiles_m).any(axis=1)
+        )
+    return [
+        shared | flags_where({flag: bool(column[row]) for flag, column in columns.items()})
+        for row in range(obs.pixels.size)
+    ]
+
+
+def _extrapolated(wanted: Wanted, problem: Problem) -> BoolArray:
+    """Tell which objects are more than twice as near or as far as any reference."""
+    seen = problem.witnesses.inverse_depth
+    low, high = seen.min() + wanted.shift, seen.max() + wanted.shift
+    inverse = wanted.subjects.inverse_depth + wanted.shift
+    far_off: BoolArray = (inverse < low / _FAR_OFF) | (inverse > high * _FAR_OFF)
+    return far_off
+
+
+def distances(
+    model: ScaleModel, depth: FloatArray, metres_per_pixel: FloatArray, *, other_map: bool = False
+) -> FloatArray | None:
+    """
+    Compute z-depths: focal length x metres per pixel, or what metric depth itself says.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+    depth, metres_per_pixel : (M,) ndarray of float
+        Depth and scale of each object.
+    other_map : bool
+        True where the depths are of another map than the fitted one.
+
+    Returns
+    -------
+    (M,) ndarray of float64 or None
+        In metres; None where no focal length is known.
+    """
+    if model.kind != "metric":
+        focal_px = model.focal_px
+        return None if focal_px is None else focal_px * metres_per_pixel
+    if model.camera is None or other_map:
+        return depth
+    # f k is the map's scale error times the focal length's: the map takes its share of it
+    map_var, focal_var = model.scale_rel_std**2, model.camera.focal_rel_std**2
+    share = map_var / (map_var + focal_var) if map_var else 0.0
+    distance: FloatArray = depth * (model.camera.focal_px * model.k) ** share
+    return distance
+
+
+def gather(
+    detections: Sequence[Detection],
+    obs: Observations,
+    sizes: Sizes,
+    flags: Sequence[Flag],
+    distance_m: FloatArray | None,
+) -> list[SizeEstimate]:
+    """
+    Gather columns into results.
+
+    Parameters
+    ----------
+    detections : sequence of Detection
+        The objects.
+    obs : Observations
+        Their columns.
+    sizes : Sizes
+        Their sizes.
+    flags : sequence of Flag
+        Their reservations.
+    distance_m : (M,) ndarray of float or None
+        Their z-depths in metres, where a focal length is known.
+
+    Returns
+    -------
+    list of SizeEstimate
+        One per object.
+    """
+    return [
+        SizeEstimate(
+            label=detection.label,
+            axis=obs.axis[row],
+            size_m=float(sizes.size_m[row]),
+            std_m=float(sizes.std_m[row]),
+            metres_per_pixel=float(sizes.metres_per_pixel[row]),
+            depth=float(obs.depth[row]),
+            distance_m=None if distance_m is None else float(distance_m[row]),
+            flags=flags[row],
+            quantiles_m=None if sizes.is_normal else tuple(sizes.quantiles_m[row].tolist()),
+        )
+        for row, detection in enumerate(detections)
+    ]
