@@ -7,16 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imgscale.estimator import (
-    MIN_VARIANCE,
-    LogObservations,
-    OthersView,
-    Subjects,
-    fit_robust,
-    fuse_with_prior,
-    log_k_std,
-    view_from_others,
-)
+from imgscale.estimator import disagree, fit_robust, log_k_std, view_from_others
+from imgscale.predictive import fused
+from imgscale.segments import MIN_VARIANCE, LogObservations, Parts, Subjects
+from imgscale.solving import Problem, solve
+from imgscale.witnesses import Sized
 
 TUKEY_C = 4.685
 Z90 = 1.6448536269514722
@@ -99,7 +94,7 @@ def test_small_residuals_reproduce_generalised_least_squares(seed):
     assert fitted.log_k[0] == pytest.approx(mean, abs=1e-11)
     assert fitted.log_std[0] == pytest.approx(math.sqrt(variance), rel=1e-7)
     np.testing.assert_allclose(fitted.share, share, rtol=1e-6)
-    assert not fitted.inconsistent[0]
+    assert not disagree(obs)[0]
 
 
 @pytest.mark.parametrize("labels", [(4, 3, 1), (1, 1), (1, 1, 1), (6,)], ids=str)
@@ -275,10 +270,11 @@ def test_two_bad_references_of_five_are_rejected(bad):
 )
 def test_the_interval_of_two_contradicting_references_holds_both(gap, stds):
     y = np.array([-6.0, -6.0 + gap])
-    fitted = fit_robust(observations(y, np.square(stds), [0, 0], [0, 1]))
+    obs = observations(y, np.square(stds), [0, 0], [0, 1])
+    fitted = fit_robust(obs)
     half_width = Z90 * fitted.log_std[0]
     assert np.all(np.abs(y - fitted.log_k[0]) <= half_width)
-    assert fitted.inconsistent[0]
+    assert disagree(obs)[0]
 
 
 def test_contradicting_references_of_equal_errors_meet_in_the_middle():
@@ -292,7 +288,7 @@ def test_honest_scatter_of_many_references_does_not_widen_the_result():
         obs = random_image(rng, labels=(5, 5, 5))
         fitted = fit_robust(obs)
         np.testing.assert_allclose(fitted.weight, fitted.trust / obs.variance, rtol=1e-12)
-        assert not fitted.inconsistent[0]
+        assert not disagree(obs)[0]
 
 
 def test_ninety_percent_intervals_of_k_cover_ninety_percent():
@@ -314,22 +310,27 @@ def test_ninety_percent_intervals_of_k_cover_ninety_percent():
 # --- what the others say -----------------------------------------------------------------------
 
 
-def one_subject(obs, weight, *, group, tau, own=None):
+def weighted(obs, weight):
+    """The fit of `obs` whose references kept the precisions `weight`."""
+    return fit_robust(obs)._replace(weight=weight)
+
+
+def one_subject(*, group, tau, own=-1):
     return Subjects(
         image=np.zeros(1, dtype=np.intp),
         group=np.array([group], dtype=np.intp),
         tau=np.array([tau]),
-        own_weight=np.array([0.0 if own is None else weight[own]]),
-        own_y=np.array([0.0 if own is None else obs.y[own]]),
+        own=np.array([own], dtype=np.intp),
     )
 
 
 def assert_view_equals(view, mean, covariance):
-    assert view.log_k[0] == pytest.approx(mean[0], abs=1e-9)
-    assert view.offset[0] == pytest.approx(mean[1], abs=1e-9)
-    assert view.log_k_var[0] == pytest.approx(covariance[0, 0], rel=1e-8)
-    assert view.offset_var[0] == pytest.approx(covariance[1, 1], rel=1e-8)
-    assert view.covariance[0] == pytest.approx(covariance[0, 1], rel=1e-8, abs=1e-14)
+    assert all(column.shape == (1, 1) for column in view)
+    assert view.log_k[0, 0] == pytest.approx(mean[0], abs=1e-9)
+    assert view.offset[0, 0] == pytest.approx(mean[1], abs=1e-9)
+    assert view.log_k_var[0, 0] == pytest.approx(covariance[0, 0], rel=1e-8)
+    assert view.offset_var[0, 0] == pytest.approx(covariance[1, 1], rel=1e-8)
+    assert view.covariance[0, 0] == pytest.approx(covariance[0, 1], rel=1e-8, abs=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -339,7 +340,7 @@ def test_a_reference_sees_the_posterior_of_all_others(seed, reference):
     weight = np.random.default_rng(seed + 100).uniform(0.2, 1.0, 6) / obs.variance
     group, tau = int(obs.group[reference]), float(obs.tau[reference])
     view = view_from_others(
-        obs, weight, one_subject(obs, weight, group=group, tau=tau, own=reference)
+        obs, weighted(obs, weight), one_subject(group=group, tau=tau, own=reference)
     )
     keep = np.arange(6) != reference
     assert_view_equals(view, *dense_posterior(obs, weight, keep, tau, group))
@@ -351,16 +352,17 @@ def test_a_new_object_sees_the_posterior_of_all_references(seed, group):
     obs = random_image(np.random.default_rng(seed))
     weight = 1 / obs.variance
     tau = 0.07 if group < 0 else float(obs.tau[obs.group == group][0])
-    view = view_from_others(obs, weight, one_subject(obs, weight, group=group, tau=tau))
+    view = view_from_others(obs, weighted(obs, weight), one_subject(group=group, tau=tau))
     assert_view_equals(view, *dense_posterior(obs, weight, np.ones(6, dtype=bool), tau, group))
 
 
 def test_without_another_reference_nothing_is_known_of_k_and_the_prior_of_the_offset():
     obs = observations([-6.0], [0.01], [0.05], [0])
-    weight = 1 / obs.variance
-    view = view_from_others(obs, weight, one_subject(obs, weight, group=0, tau=0.05, own=0))
-    assert math.isnan(view.log_k[0])
-    assert (view.offset[0], view.offset_var[0], view.covariance[0]) == (0, 0.05**2, 0)
+    subject = one_subject(group=0, tau=0.05, own=0)
+    view = view_from_others(obs, weighted(obs, 1 / obs.variance), subject)
+    assert math.isnan(view.log_k[0, 0])
+    found = (view.offset[0, 0], view.offset_var[0, 0], view.covariance[0, 0])
+    assert found == (0, 0.05**2, 0)
 
 
 def test_subjects_of_several_images_are_seen_from_their_own():
@@ -372,36 +374,62 @@ def test_subjects_of_several_images_are_seen_from_their_own():
     )  # fmt: skip
     subjects = Subjects(
         image=np.array([1, 0]), group=np.array([4, -1]), tau=np.array([b.tau[2], 0.03]),
-        own_weight=np.zeros(2), own_y=np.zeros(2),
+        own=np.array([-1, -1]),
     )  # fmt: skip
-    view = view_from_others(both, 1 / both.variance, subjects)
+    view = view_from_others(both, weighted(both, 1 / both.variance), subjects)
     in_b, _ = dense_posterior(b, 1 / b.variance, np.ones(4, dtype=bool), float(b.tau[2]), 1)
     in_a, _ = dense_posterior(a, 1 / a.variance, np.ones(6, dtype=bool), 0.03, -1)
-    np.testing.assert_allclose(view.log_k, [in_b[0], in_a[0]], rtol=1e-9)
-    np.testing.assert_allclose(view.offset, [in_b[1], in_a[1]], atol=1e-9)
+    np.testing.assert_allclose(view.log_k[:, 0], [in_b[0], in_a[0]], rtol=1e-9)
+    np.testing.assert_allclose(view.offset[:, 0], [in_b[1], in_a[1]], atol=1e-9)
 
 
 # --- fusing with the own prior -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_fusing_equals_the_conditional_of_the_joint_gaussian(seed):
-    rng = np.random.default_rng(seed)
-    root = rng.normal(size=(2, 2)) * 0.1
-    cov = root @ root.T  # of (log k, u)
-    log_k, u, prior_log, prior_var = -6.0, 0.04, 0.5, 0.08**2
-    log_size, noise_var = 6.45, 0.05**2
-    view = OthersView(
-        log_k=np.array([log_k]),
-        log_k_var=cov[:1, 0],
-        offset=np.array([u]),
-        offset_var=cov[1:, 1],
-        covariance=cov[:1, 1],
+def objects(prior_log, prior_var, log_size, noise_var, tau, group):
+    """Objects of one image with a told noise and one kind for each label."""
+    prior_log, prior_var, log_size, noise_var, tau = (
+        np.asarray(column, dtype=np.float64)
+        for column in (prior_log, prior_var, log_size, noise_var, tau)
     )
-    mean, variance = fuse_with_prior(
-        view, np.array([prior_log]), np.array([prior_var]), np.array([log_size]),
-        np.array([noise_var]),
+    count = prior_log.size
+    return Sized(
+        inverse_depth=np.exp(-log_size), log_pixels=np.zeros(count), noise_var=noise_var,
+        prior=Parts(np.ones((count, 1)), prior_log[:, None], prior_var[:, None]),
+        prior_log=prior_log, prior_var=prior_var, tau=tau, image=np.zeros(count, dtype=np.intp),
+        group=np.asarray(group, dtype=np.intp), told=np.ones(count, dtype=np.bool_),
+        firm=np.zeros(count, dtype=np.bool_),
     )  # fmt: skip
+
+
+def solved(witnesses):
+    """Solve an image by the robust method: one case."""
+    problem = Problem(witnesses, n_images=1, has_shift=False, unknown_noise=False, exact=False)
+    return solve(problem)
+
+
+def random_objects(rng, residual=1.0):
+    """References as `random_image` makes them, their variance shared by prior and noise."""
+    obs = random_image(rng, residual=residual)
+    share, log_size = rng.uniform(0.1, 0.9, obs.y.size), rng.uniform(5.0, 8.0, obs.y.size)
+    return objects(
+        obs.y + log_size, share * obs.variance, log_size, (1 - share) * obs.variance, obs.tau,
+        obs.group,
+    )  # fmt: skip
+
+
+def fused_one(cases, subject, own=-1):
+    """Mean and variance of the one Gaussian that `fused` gives of an object."""
+    mixture = fused(cases, subject, np.array([own], dtype=np.intp))
+    assert mixture.weight.tolist() == [[1.0]]
+    return mixture.mean[0, 0], mixture.variance[0, 0]
+
+
+def joint_gaussian(subject, mean, cov):
+    """Condition log H on the measurement, given mean and covariance of (log k, u)."""
+    log_k, u = mean
+    prior_log, prior_var = subject.prior_log[0], subject.prior_var[0]
+    log_size, noise_var = -np.log(subject.inverse_depth[0]), subject.noise_var[0]
     # joint Gaussian of (log H, d), H the size and d = log H - log k - log_size the misclosure of
     # the measurement, observed to be 0: log H = prior_log - u + individual deviation
     to_h, to_d = np.array([0.0, -1.0]), np.array([-1.0, -1.0])
@@ -409,41 +437,80 @@ def test_fusing_equals_the_conditional_of_the_joint_gaussian(seed):
     var_d = to_d @ cov @ to_d + prior_var + noise_var
     cov_hd = to_h @ cov @ to_d + prior_var
     mean_h, mean_d = prior_log - u, prior_log - u - log_k - log_size
-    assert mean[0] == pytest.approx(mean_h - cov_hd / var_d * mean_d, abs=1e-12)
-    assert variance[0] == pytest.approx(var_h - cov_hd**2 / var_d, rel=1e-9)
+    return mean_h - cov_hd / var_d * mean_d, var_h - cov_hd**2 / var_d
+
+
+@pytest.mark.parametrize("residual", [1e-3, 1.0, 4.0], ids=["exact", "honest", "contradicting"])
+@pytest.mark.parametrize("group", [0, 1, 2, -1], ids=["label 0", "label 1", "label 2", "new label"])
+@pytest.mark.parametrize("seed", range(5))
+def test_fusing_equals_the_conditional_of_the_joint_gaussian(seed, group, residual):
+    rng = np.random.default_rng(seed)
+    cases = solved(random_objects(rng, residual))
+    obs, weight = cases.obs, cases.fit.weight
+    tau = 0.07 if group < 0 else float(obs.tau[obs.group == group][0])
+    subject = objects([0.5], [0.08**2], [6.45], [0.05**2], [tau], [group])
+    found = fused_one(cases, subject)
+    expected = joint_gaussian(
+        subject, *dense_posterior(obs, weight, np.ones(6, dtype=bool), tau, group)
+    )
+    assert found[0] == pytest.approx(expected[0], abs=1e-9)
+    assert found[1] == pytest.approx(expected[1], rel=1e-8)
+
+
+@pytest.mark.parametrize("reference", range(6))
+@pytest.mark.parametrize("seed", range(3))
+def test_fusing_a_reference_takes_its_prior_from_all_others(seed, reference):
+    witnesses = random_objects(np.random.default_rng(seed))
+    cases = solved(witnesses)
+    group, tau = int(witnesses.group[reference]), float(witnesses.tau[reference])
+    subject = witnesses.rows(np.array([reference]))
+    found = fused_one(cases, subject, own=reference)
+    keep = np.arange(6) != reference
+    expected = joint_gaussian(
+        subject, *dense_posterior(cases.obs, cases.fit.weight, keep, tau, group)
+    )
+    assert found[0] == pytest.approx(expected[0], abs=1e-9)
+    assert found[1] == pytest.approx(expected[1], rel=1e-8)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
 def test_fusing_is_never_wider_than_prior_or_measurement_alone(seed):
     rng = np.random.default_rng(seed)
-    obs = random_image(rng)
-    group = int(rng.integers(-1, 3))
+    cases = solved(random_objects(rng))
+    obs, group = cases.obs, int(rng.integers(-1, 3))
     tau = 0.06 if group < 0 else float(obs.tau[obs.group == group][0])
-    view = view_from_others(
-        obs, 1 / obs.variance, one_subject(obs, 1 / obs.variance, group=group, tau=tau)
+    prior_var, noise_var = rng.uniform(0.0, 0.2, 2) ** 2
+    mean, variance = fused_one(
+        cases, objects([0.0], [prior_var], [6.0], [noise_var], [tau], [group])
     )
-    prior_var, noise_var = rng.uniform(0.0, 0.2, (2, 1)) ** 2
-    mean, variance = fuse_with_prior(view, np.zeros(1), prior_var, np.array([6.0]), noise_var)
-    assert math.isfinite(mean[0])
-    assert -1e-15 <= variance[0] <= (prior_var + tau**2)[0] * (1 + 1e-9) + 1e-15
-    assert variance[0] <= (view.log_k_var + noise_var)[0] * (1 + 1e-9)
+    view = view_from_others(obs, cases.fit, one_subject(group=group, tau=tau))
+    assert math.isfinite(mean)
+    assert -1e-15 <= variance <= (prior_var + tau**2) * (1 + 1e-9) + 1e-15
+    assert variance <= (view.log_k_var[0, 0] + noise_var) * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(
-    ("log_k", "log_size"),
+    ("others", "log_size"),
     [
-        pytest.param(math.nan, 6.0, id="no other reference"),
-        pytest.param(-6.0, math.nan, id="no depth"),
+        pytest.param(False, 6.0, id="no other reference"),
+        pytest.param(True, math.nan, id="no depth"),
     ],
 )
-def test_fusing_nothing_leaves_the_prior_alone(log_k, log_size):
-    view = OthersView(
-        log_k=np.array([log_k]), log_k_var=np.array([0.01]), offset=np.array([0.02]),
-        offset_var=np.array([0.03**2]), covariance=np.array([0.0]),
+def test_fusing_nothing_leaves_the_prior_alone(others, log_size):
+    labels = [0, 0, 1] if others else [0]
+    witnesses = objects(
+        0.4 + 0.05 * np.arange(len(labels)), np.full(len(labels), 0.1**2), [6.4] * len(labels),
+        [0.05**2] * len(labels), [0.03] * len(labels), labels,
     )  # fmt: skip
-    mean, variance = fuse_with_prior(
-        view, np.array([0.4]), np.array([0.1**2]), np.array([log_size]), np.array([0.05**2])
+    cases = solved(witnesses)
+    subject = objects([0.4], [0.1**2], [log_size], [0.05**2], [0.03], [0])
+    mean, variance = fused_one(cases, subject, own=-1 if others else 0)
+    keep = np.full(len(labels), others)
+    (_, u), covariance = (
+        dense_posterior(cases.obs, cases.fit.weight, keep, 0.03, 0)
+        if others
+        else ((0.0, 0.0), np.diag([math.inf, 0.03**2]))
     )
-    assert mean[0] == pytest.approx(0.4 - 0.02)
-    assert variance[0] == pytest.approx(0.1**2 + 0.03**2)
+    assert mean == pytest.approx(0.4 - u, abs=1e-12)
+    assert variance == pytest.approx(0.1**2 + covariance[1, 1], rel=1e-9)

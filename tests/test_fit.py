@@ -14,7 +14,8 @@ FOCAL = 800.0
 SIZE = (2000, 1500)
 BASELINE = 0.54
 UNIT = 3.7  # of the relative depths, per metre
-METHODS = ["mean_ratio", "least_squares", "robust"]
+METHODS = ["mean_ratio", "least_squares", "robust", "posterior"]
+FITTED = ["robust", "posterior"]  # the paper's two reject nothing and take no camera
 Z90 = 1.6448536269514722
 NAN = math.nan
 
@@ -52,6 +53,50 @@ def log_std(model):
     return model.k_std / model.k
 
 
+def half_width(below):
+    """Half the width of the central 68.3 % of a distribution, by bisection."""
+
+    def quantile(probability):
+        low, high = -20.0, 20.0
+        for _ in range(100):
+            middle = (low + high) / 2
+            low, high = (middle, high) if below(middle) < probability else (low, middle)
+        return low
+
+    one = math.erf(1 / math.sqrt(2)) / 2
+    return (quantile(0.5 + one) - quantile(0.5 - one)) / 2
+
+
+def normal_below(x, mean, variance):
+    return (1 + math.erf((x - mean) / math.sqrt(2 * variance))) / 2
+
+
+def laplace_below(x, variance):
+    tail = math.exp(-abs(x) / math.sqrt(variance / 2)) / 2
+    return tail if x < 0 else 1 - tail
+
+
+def k_log_std_of_one(method, variances, weights=(1.0,)):
+    """What one reference tells of log k whose noise is known, or is one of several."""
+
+    def below(x, variance):
+        if method == "robust":
+            return normal_below(x, 0.0, variance)
+        # sound; wrong either way, by half its size or so; or showing less than its prior says
+        return (
+            0.95 * normal_below(x, 0.0, variance)
+            + 0.02 * laplace_below(x, variance + 0.5**2)
+            + 0.03 * normal_below(x, -0.4, variance + 0.25**2)
+        )
+
+    pairs = list(zip(weights, variances, strict=True))
+    return half_width(lambda x: sum(w * below(x, v) for w, v in pairs))
+
+
+# standard errors: closed forms of the one, quantiles on a grid of the other
+STD_TOLERANCE = {"robust": 1e-9, "posterior": 1e-3}
+
+
 # --- exact recovery ----------------------------------------------------------------------------
 
 
@@ -68,8 +113,9 @@ def test_consistent_data_give_k_exactly(kind, method):
     assert sum(ref.weight for ref in model.references) == pytest.approx(1, rel=1e-12)
 
 
+@pytest.mark.parametrize("method", FITTED)
 @pytest.mark.parametrize("kind", TO_KIND)
-def test_robust_takes_the_median_of_a_spread_prior_for_its_centre(kind):
+def test_the_median_of_a_spread_prior_is_its_centre(kind, method):
     # log-normal with an arithmetic mean: the median is mean * exp(-s^2 / 2)
     convert, k = TO_KIND[kind]
     std = 0.2 * HEIGHTS
@@ -80,7 +126,8 @@ def test_robust_takes_the_median_of_a_spread_prior_for_its_centre(kind):
             for i, (h, s) in enumerate(zip(HEIGHTS, std, strict=True))
         ]
     )
-    model = ims.fit(poles(medians, Z), ims.ObjectDepths(convert(Z), kind=kind), priors)
+    depth = ims.ObjectDepths(convert(Z), kind=kind)
+    model = ims.fit(poles(medians, Z), depth, priors, method=method)
     assert model.k == pytest.approx(k, rel=1e-12)
 
 
@@ -92,21 +139,23 @@ def test_the_papers_methods_take_the_mean_for_its_centre(method):
     assert model.k == pytest.approx(1 / (UNIT * FOCAL), rel=1e-12)
 
 
-def test_disparity_with_doffs_as_inverse_depth_gives_the_baseline():
+@pytest.mark.parametrize("method", METHODS)
+def test_disparity_with_doffs_as_inverse_depth_gives_the_baseline(method):
     doffs = 31.0
     disparity = FOCAL * BASELINE / Z - doffs
     model = ims.fit(
         poles(HEIGHTS, Z), ims.ObjectDepths(disparity + doffs, kind="inverse"),
-        exact_priors(HEIGHTS),
+        exact_priors(HEIGHTS), method=method,
     )  # fmt: skip
     assert model.k == pytest.approx(BASELINE, rel=1e-12)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", TO_KIND)
-def test_a_constant_map_and_one_object_give_k(kind):
+def test_a_constant_map_and_one_object_give_k(kind, method):
     convert, k = TO_KIND[kind]
     depth = ims.DepthMap(np.full((300, 400), convert(6.0)), kind=kind, image_size=SIZE)
-    model = ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]))
+    model = ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]), method=method)
     assert model.k == pytest.approx(k, rel=1e-12)
     assert model.flags == Flag.SINGLE_REFERENCE
 
@@ -217,9 +266,11 @@ def test_resizing_the_image_divides_k_and_keeps_sizes(seed, r, method):
         np.testing.assert_allclose(sizes_b, sizes_a, rtol=1e-9)
 
 
-@given(seed=st.integers(0, 2**32 - 1), unit=st.floats(1e-3, 1e3))
-@settings(max_examples=30, deadline=None)
-def test_metric_relative_and_inverse_versions_of_one_map_give_equal_sizes(seed, unit):
+@given(
+    seed=st.integers(0, 2**32 - 1), unit=st.floats(1e-3, 1e3), method=st.sampled_from(FITTED)
+)  # fmt: skip
+@settings(max_examples=40, deadline=None)
+def test_metric_relative_and_inverse_versions_of_one_map_give_equal_sizes(seed, unit, method):
     rng = np.random.default_rng(seed)
     z = np.exp(rng.normal(2, 0.5, (60, 80)).cumsum(axis=1) / 20) + rng.uniform(0, 1, (60, 80))
     z[rng.uniform(size=z.shape) < 0.2] = NAN
@@ -233,7 +284,7 @@ def test_metric_relative_and_inverse_versions_of_one_map_give_equal_sizes(seed, 
     sizes, widths = [], []
     for kind, values in versions.items():
         depth = ims.DepthMap(values, kind=kind, image_size=(800, 600))
-        model = ims.fit(detections, depth, spread_priors())
+        model = ims.fit(detections, depth, spread_priors(), method=method)
         estimates = ims.predict(model, detections, depth)
         sizes.append([e.size_m for e in estimates])
         widths.append([e.std_m for e in estimates])
@@ -241,45 +292,62 @@ def test_metric_relative_and_inverse_versions_of_one_map_give_equal_sizes(seed, 
     np.testing.assert_allclose(widths[1:], [widths[0]] * 2, rtol=1e-6)
 
 
+TOLD = ims.Noise(box_px=1.0, depth_rel=0.05)
+
+
 def test_two_identical_references_with_a_certain_mean_are_two_witnesses():
     priors = ims.PriorTable([ims.ObjectPrior("pole 0", 1.7, 0.1)])
-    one = ims.fit(poles([1.7], [6.0]), relative([6.0]), priors)
-    two = ims.fit(poles([1.7], [6.0]) * 2, relative([6.0, 6.0]), priors)
+    options = {"method": "robust", "noise": TOLD}
+    one = ims.fit(poles([1.7], [6.0]), relative([6.0]), priors, **options)
+    two = ims.fit(poles([1.7], [6.0]) * 2, relative([6.0, 6.0]), priors, **options)
     assert two.k_std == pytest.approx(one.k_std / math.sqrt(2), rel=1e-12)
     assert two.flags == Flag.SINGLE_LABEL
 
 
-def test_two_identical_references_do_not_improve_an_uncertain_mean():
+@pytest.mark.parametrize("method", FITTED)
+def test_two_identical_references_do_not_improve_an_uncertain_mean(method):
     priors = ims.PriorTable([ims.ObjectPrior("pole 0", 1.7, 0.0, mean_std_m=0.1)])
-    options = {"noise": ims.Noise(box_px=0.0, depth_rel=0.0)}
+    options = {"noise": ims.Noise(box_px=0.0, depth_rel=0.0), "method": method}
     one = ims.fit(poles([1.7], [6.0]), relative([6.0]), priors, **options)
     two = ims.fit(poles([1.7], [6.0]) * 2, relative([6.0, 6.0]), priors, **options)
-    assert two.k_std == pytest.approx(one.k_std, rel=1e-6)
-    assert log_std(two) == pytest.approx(0.1 / 1.7, rel=1e-6)
+    if method == "robust":
+        assert two.k_std == pytest.approx(one.k_std, rel=1e-6)
+        assert log_std(two) == pytest.approx(0.1 / 1.7, rel=1e-6)
+    else:  # two that agree are less probably wrong, but no better than their mean
+        assert 0.1 / 1.7 * (1 - 1e-3) <= log_std(two) <= log_std(one)
 
 
-def test_ten_references_of_one_label_are_not_ten_witnesses():
+@pytest.mark.parametrize("method", FITTED)
+def test_ten_references_of_one_label_are_not_ten_witnesses(method):
     prior = ims.ObjectPrior("pole 0", 1.7, 0.15, mean_std_m=0.12)
     noise = ims.Noise(box_px=0.0, box_rel=0.03, depth_rel=0.04)
     model = ims.fit(
-        poles([1.7], [6.0]) * 10, relative([6.0] * 10), ims.PriorTable([prior]), noise=noise
-    )
+        poles([1.7], [6.0]) * 10, relative([6.0] * 10), ims.PriorTable([prior]), noise=noise,
+        method=method,
+    )  # fmt: skip
     spread = math.log(1 + (0.15 / 1.7) ** 2)
     total_weight = 10 / (spread + 0.03**2 + 0.04**2)
-    assert log_std(model) ** -2 == pytest.approx(
-        1 / (1 / total_weight + (0.12 / 1.7) ** 2), rel=1e-9
+    assert log_std(model) == pytest.approx(
+        math.sqrt(1 / total_weight + (0.12 / 1.7) ** 2), rel=STD_TOLERANCE[method]
     )
 
 
-def test_aliases_of_one_label_share_its_uncertain_mean():
+@pytest.mark.parametrize("method", FITTED)
+def test_aliases_of_one_label_share_its_uncertain_mean(method):
     prior = ims.ObjectPrior("pole 0", 1.7, 0.0, mean_std_m=0.1, aliases=("post",))
     height = FOCAL * 1.7 / 6.0
-    model = ims.fit(
-        [box("pole 0", height), box("POST", height)], relative([6.0, 6.0]),
-        ims.PriorTable([prior]), noise=ims.Noise(box_px=0.0, depth_rel=0.0),
-    )  # fmt: skip
-    assert log_std(model) == pytest.approx(0.1 / 1.7, rel=1e-6)
-    assert Flag.SINGLE_LABEL in model.flags
+    models = [
+        ims.fit(
+            [box(label, height) for label in labels], relative([6.0, 6.0]),
+            ims.PriorTable([prior]), noise=ims.Noise(box_px=0.0, depth_rel=0.0), method=method,
+        )
+        for labels in (["pole 0", "POST"], ["pole 0", "pole 0"])
+    ]  # fmt: skip
+    assert (models[0].k, models[0].k_std) == (models[1].k, models[1].k_std)
+    assert log_std(models[0]) >= 0.1 / 1.7 * (1 - STD_TOLERANCE[method])
+    if method == "robust":
+        assert log_std(models[0]) == pytest.approx(0.1 / 1.7, rel=1e-6)
+    assert Flag.SINGLE_LABEL in models[0].flags
 
 
 def test_a_mixture_of_rows_is_one_prior_with_its_moments():
@@ -294,26 +362,67 @@ def test_a_mixture_of_rows_is_one_prior_with_its_moments():
     assert model.references[0].prior_std_m == pytest.approx(sizes.std(), rel=3e-3)
 
 
-def test_a_single_reference_carries_its_prior_box_and_depth_errors():
+@pytest.mark.parametrize("method", FITTED)
+def test_a_single_reference_carries_its_prior_box_and_depth_errors(method):
     model = ims.fit(
         poles([1.7], [6.0]), relative([6.0], rel_std=0.03), exact_priors([1.7], std_m=0.2),
-        noise=ims.Noise(box_px=2.0, box_rel=0.01),
+        noise=ims.Noise(box_px=2.0, box_rel=0.01), method=method,
     )  # fmt: skip
     pixels = FOCAL * 1.7 / 6.0
     variance = math.log(1 + (0.2 / 1.7) ** 2) + (2 / pixels) ** 2 + 0.01**2 + 0.03**2
-    assert log_std(model) == pytest.approx(math.sqrt(variance), rel=1e-12)
+    expected = k_log_std_of_one(method, [variance])
+    assert log_std(model) == pytest.approx(expected, rel=STD_TOLERANCE[method])
+    assert model.depth_rel is None
 
 
-def test_unknown_depth_noise_counts_as_five_percent_and_told_noise_as_told():
-    def variance(noise, rel_std=None):
-        model = ims.fit(
-            poles([1.7], [6.0]), relative([6.0], rel_std=rel_std), exact_priors([1.7]), noise=noise
-        )
-        return log_std(model) ** 2
+@pytest.mark.parametrize("method", FITTED)
+@pytest.mark.parametrize(
+    ("depth_rel", "rel_std", "told"),
+    [
+        pytest.param(0.2, None, 0.2, id="noise"),
+        pytest.param(None, 0.1, 0.1, id="depths"),
+        pytest.param(None, 0.0, 0.0, id="depths without error"),
+        pytest.param(0.06, 0.08, 0.1, id="both"),
+    ],
+)
+def test_told_depth_noise_counts_as_told(depth_rel, rel_std, told, method):
+    def fitted(depth_rel, rel_std, box_rel):
+        return ims.fit(
+            poles([1.7], [6.0]), relative([6.0], rel_std=rel_std), exact_priors([1.7], std_m=0.1),
+            noise=ims.Noise(box_px=0.0, box_rel=box_rel, depth_rel=depth_rel), method=method,
+        )  # fmt: skip
 
-    assert variance(ims.Noise(box_px=0.0)) == pytest.approx(0.05**2, rel=1e-9)
-    assert variance(ims.Noise(box_px=0.0, depth_rel=0.2)) == pytest.approx(0.2**2, rel=1e-9)
-    assert variance(ims.Noise(box_px=0.0), rel_std=0.1) == pytest.approx(0.1**2, rel=1e-9)
+    model = fitted(depth_rel, rel_std, 0.0)
+    assert log_std(model) == pytest.approx(log_std(fitted(0.0, 0.0, told)), rel=1e-9)
+    assert model.depth_rel is None
+    if method == "robust":
+        variance = told**2 + math.log(1 + (0.1 / 1.7) ** 2)
+        assert log_std(model) == pytest.approx(math.sqrt(variance), rel=1e-9)
+
+
+@pytest.mark.parametrize("method", FITTED)
+def test_unknown_depth_noise_is_five_percent_within_a_factor_of_2_2(method):
+    model = ims.fit(
+        poles([1.7], [6.0]), relative([6.0]), exact_priors([1.7]), noise=ims.Noise(box_px=0.0),
+        method=method,
+    )  # fmt: skip
+    score = np.linspace(-2, 3, 9)  # one object says nothing of its noise: the prior stays
+    weights = np.exp(-(score**2) / 2) / np.exp(-(score**2) / 2).sum()
+    expected = k_log_std_of_one(method, (0.05 * 2.2**score) ** 2, weights)
+    # the robust solver weighs the cases by an approximate evidence
+    assert log_std(model) == pytest.approx(expected, rel=0.01 if method == "robust" else 2e-3)
+    assert model.depth_rel == pytest.approx(0.05 * 2.2 ** (weights @ score), rel=0.01)
+
+
+@pytest.mark.parametrize("method", FITTED)
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.25])
+def test_unknown_depth_noise_is_learned_from_the_scatter_of_many(noise, method):
+    rng = np.random.default_rng(1)
+    heights, z = rng.uniform(1, 3, 40), rng.uniform(5, 30, 40)
+    seen = z * np.exp(noise * rng.normal(size=40))
+    model = ims.fit(poles(heights, z), relative(seen), exact_priors(heights), method=method)
+    assert model.depth_rel == pytest.approx(noise, rel=0.4)
+    assert log_std(model) == pytest.approx(noise / math.sqrt(40), rel=0.5)
 
 
 # --- z-scores and joint sizes against dense algebra ----------------------------------------------
@@ -337,7 +446,7 @@ def test_z_scores_are_leave_one_out_residuals_of_the_dense_gaussian():
     pixels = FOCAL * mean * np.exp(-spread / 2 - residual) / z
     model = ims.fit(
         [box(f"pole {i}", p) for i, p in zip(labels, pixels, strict=True)],
-        relative(z, rel_std=0.04), priors, noise=ims.Noise(box_px=1.5),
+        relative(z, rel_std=0.04), priors, noise=ims.Noise(box_px=1.5), method="robust",
     )  # fmt: skip
     y = residual - math.log(FOCAL)
     same = np.equal.outer(labels, labels)
@@ -358,8 +467,9 @@ def test_z_scores_are_leave_one_out_residuals_of_the_dense_gaussian():
     np.testing.assert_allclose(z_scores, expected, rtol=1e-5, atol=1e-9)
 
 
-def test_a_single_reference_has_no_z_score():
-    model = ims.fit(poles([1.7], [6.0]), relative([6.0]), exact_priors([1.7]))
+@pytest.mark.parametrize("method", METHODS)
+def test_a_single_reference_has_no_z_score(method):
+    model = ims.fit(poles([1.7], [6.0]), relative([6.0]), exact_priors([1.7]), method=method)
     assert math.isnan(model.references[0].z_score)
 
 
@@ -376,42 +486,80 @@ def with_outlier(factor, count, seed=0, **options):
     return ims.fit(poles(seen, z), relative(z), priors, **options), clean
 
 
-@pytest.mark.parametrize("count", [3, 5, 8])
+@pytest.mark.parametrize("method", FITTED)
+@pytest.mark.parametrize(
+    ("noise", "count"),
+    [
+        pytest.param(TOLD, 3, id="told, 3"),
+        pytest.param(TOLD, 5, id="told, 5"),
+        pytest.param(TOLD, 8, id="told, 8"),
+        pytest.param(ims.Noise(), 5, id="unknown, 5"),
+        pytest.param(ims.Noise(), 8, id="unknown, 8"),
+    ],
+)
 @pytest.mark.parametrize("factor", [0.02, 0.4, 2.5, 40.0])
-def test_a_gross_outlier_among_three_or_more_is_rejected(factor, count):
-    model, clean = with_outlier(factor, count)
+def test_a_gross_outlier_among_three_or_more_is_rejected(factor, noise, count, method):
+    model, clean = with_outlier(factor, count, noise=noise, method=method)
     assert model.k == pytest.approx(clean.k, rel=0.01)
     assert [ref.reason for ref in model.references] == ["outlier"] + [""] * (count - 1)
     assert Flag.OUTLIERS in model.flags
     assert Flag.OUTLIERS not in clean.flags
-    assert model.references[0].weight == model.references[0].precision == 0
+    assert model.references[0].weight < 0.01
+    if method == "robust" and noise == TOLD:
+        assert model.references[0].weight == 0
     assert abs(model.references[0].z_score) > 4
 
 
-def test_two_bad_references_of_five_are_rejected():
+@pytest.mark.parametrize("method", FITTED)
+@pytest.mark.parametrize("factor", [0.02, 40.0])
+def test_a_very_gross_outlier_among_three_of_unknown_noise_is_rejected(factor, method):
+    model, clean = with_outlier(factor, 3, method=method)
+    assert model.k == pytest.approx(clean.k, rel=0.01)
+    assert [ref.reason for ref in model.references] == ["outlier", "", ""]
+    assert Flag.OUTLIERS in model.flags
+
+
+@pytest.mark.parametrize("method", FITTED)
+@pytest.mark.parametrize("noise", [TOLD, ims.Noise()], ids=["told", "unknown"])
+def test_two_bad_references_of_five_are_rejected(noise, method):
     heights, z = [1.7, 1.2, 2.2, 3.0, 0.8], [6.0, 9.0, 12.0, 15.0, 5.0]
     seen = [1.7, 1.2, 2.2, 3.0 * 0.4, 0.8 * 2.2]
-    model = ims.fit(poles(seen, z), relative(z), exact_priors(heights, std_m=0.05))
+    model = ims.fit(
+        poles(seen, z), relative(z), exact_priors(heights, std_m=0.05), method=method, noise=noise
+    )
     assert model.k == pytest.approx(1 / FOCAL, rel=0.01)
     assert [ref.used for ref in model.references] == [True, True, True, False, False]
 
 
+@pytest.mark.parametrize("method", FITTED)
 @pytest.mark.parametrize("factor", [1.5, 2.0, 5.0])
 @pytest.mark.parametrize("stds", [(0.05, 0.05), (0.02, 0.05), (0.03, 0.1)], ids=str)
-def test_two_references_that_contradict_each_other_give_an_interval_that_holds_both(factor, stds):
+def test_two_references_that_contradict_each_other_give_an_interval_that_holds_both(
+    factor, stds, method
+):
     priors = ims.PriorTable([ims.ObjectPrior(f"pole {i}", 1.0, s) for i, s in enumerate(stds)])
     detections = poles([1.0, factor], [6.0, 6.0])
-    model = ims.fit(detections, relative([6.0, 6.0]), priors)
+    noise = ims.Noise(box_px=0.0)
+    model = ims.fit(
+        detections, relative([6.0, 6.0], rel_std=0.0), priors, noise=noise, method=method
+    )
     assert Flag.INCONSISTENT in model.flags
+    # an object of 1 px at depth 1, both exact, is as large as k
+    [size] = ims.predict(model, [box("thing", 1.0)], relative([1.0], rel_std=0.0))
+    low, high = size.interval(0.9)
+    assert size.size_m == pytest.approx(model.k, rel=1e-12)
     for ref in model.references:
-        assert abs(math.log(ref.k / model.k)) <= Z90 * log_std(model)
+        assert low <= ref.k <= high
+        if method == "robust":  # log-normal
+            assert abs(math.log(ref.k / model.k)) <= Z90 * log_std(model)
 
 
-def test_two_contradicting_references_are_treated_alike():
+@pytest.mark.parametrize("method", FITTED)
+def test_two_contradicting_references_are_treated_alike(method):
     priors = exact_priors([1.0, 1.0], std_m=0.05)
     a, b = poles([1.0, 2.0], [6.0, 6.0])
-    model = ims.fit([a, b], relative([6.0, 6.0]), priors)
-    swapped = ims.fit([b, a], relative([6.0, 6.0]), priors)
+    model = ims.fit([a, b], relative([6.0, 6.0]), priors, method=method)
+    swapped = ims.fit([b, a], relative([6.0, 6.0]), priors, method=method)
     assert swapped.k == pytest.approx(model.k, rel=1e-12)
     assert swapped.k_std == pytest.approx(model.k_std, rel=1e-12)
     assert swapped.flags == model.flags
@@ -485,18 +633,21 @@ def test_every_detection_has_one_reference_with_its_reason():
     assert math.isnan(model.references[2].prior_m)
 
 
-def test_an_object_without_prior_or_depth_changes_nothing():
-    alone = ims.fit(poles([1.7], [6.0]), relative([6.0]), exact_priors([1.7]))
+@pytest.mark.parametrize("method", METHODS)
+def test_an_object_without_prior_or_depth_changes_nothing(method):
+    alone = ims.fit(poles([1.7], [6.0]), relative([6.0]), exact_priors([1.7]), method=method)
     more = ims.fit(
         [*poles([1.7], [6.0]), box("thing", 30.0), box("pole 0", 700.0)],
-        relative([6.0, 4.0, NAN]), exact_priors([1.7]),
+        relative([6.0, 4.0, NAN]), exact_priors([1.7]), method=method,
     )  # fmt: skip
     assert (more.k, more.k_std) == (alone.k, alone.k_std)
 
 
 def test_a_box_of_two_pixels_is_used_with_little_weight():
     z = [6.0, 600.0]
-    model = ims.fit(poles([1.7, 1.5], z), relative(z), exact_priors([1.7, 1.5]))
+    model = ims.fit(
+        poles([1.7, 1.5], z), relative(z), exact_priors([1.7, 1.5]), method="robust", noise=TOLD
+    )
     tall, tiny = model.references
     assert tiny.pixels == pytest.approx(2.0)
     assert tiny.used
@@ -505,8 +656,10 @@ def test_a_box_of_two_pixels_is_used_with_little_weight():
     assert tiny.weight < 0.02
 
 
-def test_duplicate_detections_are_lawful():
-    model = ims.fit(poles([1.7], [6.0]) * 2, relative([6.0, 6.0]), exact_priors([1.7], 0.1))
+@pytest.mark.parametrize("method", METHODS)
+def test_duplicate_detections_are_lawful(method):
+    priors = exact_priors([1.7], 0.1)
+    model = ims.fit(poles([1.7], [6.0]) * 2, relative([6.0, 6.0]), priors, method=method)
     assert model.k == pytest.approx(1 / FOCAL, rel=0.01)
     assert model.references[0] == model.references[1]
 
@@ -635,7 +788,7 @@ def test_camera_and_references_meet_at_their_precision_weighted_mean(scale_rel_s
         poles([1.7], [6.0]), metric_map(6.0, scale_rel_std=scale_rel_std),
         ims.PriorTable([ims.ObjectPrior("pole 0", 1.7, 0.0, mean_std_m=1.7 * spread)]),
         camera=camera(FOCAL * math.exp(-discrepancy), focal_rel_std),
-        noise=ims.Noise(box_px=0.0, depth_rel=0.0),
+        noise=ims.Noise(box_px=0.0, depth_rel=0.0), method="robust",
     )  # fmt: skip
     of_camera = 1 / (focal_rel_std**2 + scale_rel_std**2)
     of_pole = 1 / spread**2
@@ -645,32 +798,40 @@ def test_camera_and_references_meet_at_their_precision_weighted_mean(scale_rel_s
     assert model.references[0].weight == pytest.approx(of_pole / (of_camera + of_pole), rel=1e-6)
 
 
+@pytest.mark.parametrize("method", FITTED)
 @pytest.mark.parametrize(("focal_std", "scale_std"), [(0.0, 0.0), (0.04, 0.0), (0.04, 0.15)])
-def test_a_camera_alone_gives_k_with_its_own_and_the_maps_scale_error(focal_std, scale_std):
+def test_a_camera_alone_gives_k_with_its_own_and_the_maps_scale_error(focal_std, scale_std, method):
     model = ims.fit(
         [box("thing", 80.0)], metric_map(6.0, scale_rel_std=scale_std), exact_priors([1.7]),
-        camera=camera(FOCAL, focal_std),
+        camera=camera(FOCAL, focal_std), method=method,
     )  # fmt: skip
     assert model.k == pytest.approx(1 / FOCAL, rel=1e-12)
-    assert log_std(model) == pytest.approx(math.hypot(focal_std, scale_std), rel=1e-9, abs=2e-6)
+    assert log_std(model) == pytest.approx(
+        math.hypot(focal_std, scale_std), rel=STD_TOLERANCE[method], abs=2e-6
+    )
     assert math.isnan(model.mean_depth)
     assert model.flags == Flag(0)
 
 
-def test_a_camera_alone_needs_no_detection():
-    model = ims.fit([], metric_map(6.0), camera=camera())
+@pytest.mark.parametrize("method", FITTED)
+def test_a_camera_alone_needs_no_detection(method):
+    model = ims.fit([], metric_map(6.0), camera=camera(), method=method)
     assert model.k == pytest.approx(1 / FOCAL, rel=1e-12)
     assert model.references == ()
 
 
+@pytest.mark.parametrize("method", FITTED)
 @pytest.mark.parametrize("kind", ["relative", "inverse"])
-def test_a_camera_says_nothing_of_k_where_depth_has_no_scale(kind):
+def test_a_camera_says_nothing_of_k_where_depth_has_no_scale(kind, method):
     depth = ims.ObjectDepths([6.0], kind=kind)
-    told = ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]), camera=camera(5.0))
-    untold = ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]))
+    told, untold = (
+        ims.fit(poles([1.7], [6.0]), depth, exact_priors([1.7]), camera=given, method=method)
+        for given in (camera(5.0), None)
+    )
     assert (told.k, told.k_std) == (untold.k, untold.k_std)
+    assert not told.camera_is_witness
     with pytest.raises(ims.FitError, match="at least one reference"):
-        ims.fit([], ims.ObjectDepths([], kind=kind), camera=camera())
+        ims.fit([], ims.ObjectDepths([], kind=kind), camera=camera(), method=method)
 
 
 @pytest.mark.parametrize("method", ["mean_ratio", "least_squares"])
@@ -680,28 +841,32 @@ def test_the_papers_methods_take_no_camera_as_witness(method):
         poles([1.7], [6.0]), depth, exact_priors([1.7]), camera=camera(5.0), method=method
     )
     assert model.k == pytest.approx(1 / FOCAL, rel=1e-12)
+    assert not model.camera_is_witness
 
 
+@pytest.mark.parametrize("method", FITTED)
 @pytest.mark.parametrize("rel_std", [0.0, 0.01, 0.02, 0.04])
 @pytest.mark.parametrize("factor", [0.7, 1.3, 1.5, 3.0])
-def test_a_stale_focal_length_contradicting_five_references_is_flagged(rel_std, factor):
+def test_a_stale_focal_length_contradicting_five_references_is_flagged(rel_std, factor, method):
     # five labels, each within 6 %: together 2.6 %, so that 1.3 is 5 to 10 standard errors away
     heights, z = [1.7, 1.6, 1.8, 1.5, 2.0], [8.0, 10.0, 12.0, 15.0, 20.0]
     model = ims.fit(
         poles(heights, z), ims.ObjectDepths(z, kind="metric"), exact_priors(heights, std_m=0.05),
-        camera=camera(factor * FOCAL, rel_std),
+        camera=camera(factor * FOCAL, rel_std), method=method,
     )  # fmt: skip
     assert Flag.CAMERA_CONFLICT in model.flags
 
 
+@pytest.mark.parametrize("method", FITTED)
 @pytest.mark.parametrize("rel_std", [0.0, 0.02, 0.04])
-def test_an_agreeing_focal_length_raises_no_conflict(rel_std):
+def test_an_agreeing_focal_length_raises_no_conflict(rel_std, method):
     heights, z = [1.7, 1.6, 1.8], [8.0, 10.0, 12.0]
     model = ims.fit(
         poles(heights, z), ims.ObjectDepths(z, kind="metric"), exact_priors(heights, std_m=0.05),
-        camera=camera(1.02 * FOCAL, rel_std),
+        camera=camera(1.02 * FOCAL, rel_std), method=method,
     )  # fmt: skip
     assert model.flags == Flag(0)
+    assert model.camera_is_witness
 
 
 # --- hostile input -------------------------------------------------------------------------------
@@ -758,13 +923,6 @@ def test_raw_depth_is_refused_with_the_remedy(raw):
 @pytest.mark.parametrize(
     ("depth", "message"),
     [
-        pytest.param(
-            ims.DepthMap(np.full((30, 40), 6.0), kind="affine_inverse", image_size=SIZE),
-            '"metric", "relative" or "inverse".*got "affine_inverse"', id="affine map",
-        ),
-        pytest.param(
-            ims.ObjectDepths([6.0], kind="affine_inverse"), "unknown shift", id="affine objects"
-        ),
         pytest.param(ims.GroundPlane(image_size=SIZE), "got a GroundPlane", id="ground plane"),
         pytest.param(relative([6.0, 7.0]), "one value per detection, 1; got 2", id="too many"),
         pytest.param(relative([]), "one value per detection, 1; got 0", id="too few"),
@@ -773,6 +931,35 @@ def test_raw_depth_is_refused_with_the_remedy(raw):
 def test_depth_that_cannot_be_fitted_is_refused(depth, message):
     with pytest.raises(ValueError, match=message):
         ims.fit(ONE, depth, ONE_PRIOR)
+
+
+def affine(values, **options):
+    return ims.ObjectDepths(values, kind="affine_inverse", **options)
+
+
+@pytest.mark.parametrize("method", FITTED)
+@pytest.mark.parametrize(
+    ("detections", "depth", "count"),
+    [
+        pytest.param(
+            ONE, ims.DepthMap(np.full((30, 40), 6.0), kind="affine_inverse", image_size=SIZE), 1,
+            id="one on a map",
+        ),
+        pytest.param(ONE, affine([6.0]), 1, id="one object"),
+        pytest.param(ONE * 2, affine([6.0, 6.0]), 2, id="two at one depth"),
+        pytest.param([*ONE, box("thing", 9.0)], affine([6.0, 3.0]), 1, id="the other unknown"),
+    ],
+)  # fmt: skip
+def test_a_shift_is_not_fitted_to_references_at_one_depth(detections, depth, count, method):
+    with pytest.raises(ims.FitError, match=f"at different depths.*got {count} at 6"):
+        ims.fit(detections, depth, ONE_PRIOR, method=method)
+
+
+@pytest.mark.parametrize("method", ["mean_ratio", "least_squares"])
+def test_the_papers_methods_fit_no_shift(method):
+    message = f'`method` must be "posterior" or "robust".*"affine_inverse".*got "{method}"'
+    with pytest.raises(ValueError, match=message):
+        ims.fit(ONE * 2, affine([6.0, 3.0]), ONE_PRIOR, method=method)
 
 
 @pytest.mark.parametrize(
@@ -795,10 +982,10 @@ def test_a_mask_of_another_shape_is_refused():
         ims.fit([detection], depth, ONE_PRIOR)
 
 
-@pytest.mark.parametrize("method", ["ransac", "posterior", "", None, 3], ids=repr)
+@pytest.mark.parametrize("method", ["ransac", "exact", "", None, 3], ids=repr)
 def test_an_unknown_method_is_refused_with_the_choices(method):
-    # "posterior" is named in the design and comes later
-    with pytest.raises(ValueError, match=r'`method`.*"mean_ratio", "least_squares", "robust"'):
+    choices = '"mean_ratio", "least_squares", "robust", "posterior"'
+    with pytest.raises(ValueError, match=f"`method`.*{choices}"):
         ims.fit(ONE, ONE_DEPTH, ONE_PRIOR, method=method)
 
 
@@ -842,9 +1029,11 @@ def test_something_that_is_no_detection_is_named_with_its_place(item):
         ims.fit([*ONE, item], relative([6.0, 6.0]), ONE_PRIOR)
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("magnitude", [1e-9, 1e-3, 1e6, 1e12])
-def test_extreme_units_of_depth_do_no_harm(magnitude):
-    model = ims.fit(poles(HEIGHTS, Z), relative(magnitude * Z), exact_priors(HEIGHTS, std_m=0.02))
+def test_extreme_units_of_depth_do_no_harm(magnitude, method):
+    priors = exact_priors(HEIGHTS, std_m=0.02)
+    model = ims.fit(poles(HEIGHTS, Z), relative(magnitude * Z), priors, method=method)
     assert model.k == pytest.approx(1 / (magnitude * FOCAL), rel=1e-2)
     assert 0 < log_std(model) < 0.1
 

@@ -44,7 +44,7 @@ def busy_model(kind="metric", **options):
         for i, (label, d) in enumerate(zip(labels, z, strict=True))
     ]
     detections[4] = box("gate", 5 * detections[4].height_px, left=260.0)
-    values = np.where(np.arange(7) == 5, NAN, 100 / z if kind == "inverse" else z)
+    values = np.where(np.arange(7) == 5, NAN, 100 / z if "inverse" in kind else z)
     return ims.fit(
         detections, ims.ObjectDepths(values, kind=kind, image_size=SIZE), TABLE,
         camera=ims.Camera(FOCAL, focal_rel_std=0.03, cx=900.0, image_size=SIZE),
@@ -79,6 +79,8 @@ MODELS = {
     "camera, outlier, NaN": busy_model,
     "relative": lambda: busy_model("relative"),
     "inverse": lambda: busy_model("inverse"),
+    "affine_inverse": lambda: busy_model("affine_inverse"),
+    "robust": lambda: busy_model(method="robust"),
     "mean_ratio": lambda: busy_model(method="mean_ratio"),
     "least_squares": lambda: busy_model(method="least_squares"),
     "one reference": lambda: ims.fit(
@@ -115,19 +117,22 @@ def test_the_rebuilt_model_is_equal(name):
     pixels=st.lists(st.floats(0.5, 5000), min_size=1, max_size=5),
     magnitude=st.floats(1e-12, 1e12),
     seed=st.integers(0, 2**32 - 1),
+    method=st.sampled_from(["posterior", "robust"]),
 )
 @settings(max_examples=40, deadline=None)
-def test_any_model_survives_json(pixels, magnitude, seed):
+def test_any_model_survives_json(pixels, magnitude, seed, method):
     z = magnitude * np.random.default_rng(seed).uniform(1, 10, len(pixels))
     detections = [box("pole", p) for p in pixels]
-    model = ims.fit(detections, ims.ObjectDepths(z, kind="relative"), TABLE)
+    model = ims.fit(detections, ims.ObjectDepths(z, kind="relative"), TABLE, method=method)
     assert_same(through_json(model), model)
 
 
-def test_a_rebuilt_model_predicts_the_same():
-    model = busy_model()
+@pytest.mark.parametrize("method", ["posterior", "robust"])
+@pytest.mark.parametrize("kind", ["metric", "affine_inverse"])
+def test_a_rebuilt_model_predicts_the_same(kind, method):
+    model = busy_model(kind, method=method)
     detections = [box("thing", 55.0), box("pole", 99.0)]
-    depth = ims.ObjectDepths([6.5, NAN], kind="metric", image_size=SIZE)
+    depth = ims.ObjectDepths([6.5, NAN], kind=kind, image_size=SIZE)
     for use_prior in (False, True):
         a, b = (
             ims.predict(m, detections, depth, use_prior=use_prior)
@@ -139,16 +144,16 @@ def test_a_rebuilt_model_predicts_the_same():
 
 def test_the_record_names_its_schema_and_its_flags():
     record = busy_model().to_dict()
-    assert record["schema"] == 1
+    assert record["schema"] == 2
     assert record["flags"] == ["OUTLIERS"]
     assert record["references"][5]["depth"] is None
     assert record["camera"]["focal_px"] == FOCAL
 
 
-@pytest.mark.parametrize("schema", [0, 2, "1", None])
+@pytest.mark.parametrize("schema", [0, 1, 3, "2", None])
 def test_a_record_of_another_schema_is_refused(schema):
     record = busy_model().to_dict() | {"schema": schema}
-    with pytest.raises(ValueError, match=f"`record` must have schema 1; got {schema!r}"):
+    with pytest.raises(ValueError, match=f"`record` must have schema 2; got {schema!r}"):
         ims.ScaleModel.from_dict(record)
 
 
@@ -222,7 +227,10 @@ def test_k_is_written_with_digits_that_its_error_justifies(exponent):
 
 
 def test_an_estimate_reads_as_label_axis_size_and_flags():
-    model = ims.fit([box("pole", 200.0)], ims.ObjectDepths([6.0], kind="relative"), TABLE)
+    model = ims.fit(
+        [box("pole", 200.0)], ims.ObjectDepths([6.0], kind="relative"), TABLE, method="robust",
+        noise=ims.Noise(depth_rel=0.05),
+    )  # fmt: skip
     depth = ims.ObjectDepths([6.0, NAN], kind="relative")
     known, unknown = ims.predict(model, [box("pole", 200.0), box("thing", 9.0)], depth)
     assert str(known) == "pole: height 1.70 +- 0.11 m (REFERENCE)"

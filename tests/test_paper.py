@@ -216,9 +216,12 @@ def test_objects_without_depth_are_predicted_at_the_mean_depth(image):
     assert estimate.size_m == pytest.approx(model.k * mean_depth * 60, rel=1e-9)
 
 
-def test_the_robust_method_says_that_the_second_image_is_inconsistent():
+@pytest.mark.parametrize("method", ["robust", "posterior"])
+@pytest.mark.parametrize("depth_rel", [0.05, None], ids=["told", "unknown"])
+def test_the_fitted_methods_say_that_the_second_image_is_inconsistent(depth_rel, method):
     # the k's of 000003_11 span a factor of 14: no depth of one camera does that
-    assert ims.Flag.INCONSISTENT in fitted("000003_11", noise=ims.Noise(depth_rel=0.05)).flags
+    noise = ims.Noise(depth_rel=depth_rel)
+    assert ims.Flag.INCONSISTENT in fitted("000003_11", noise=noise, method=method).flags
 
 
 @pytest.mark.parametrize("lookup", [paper.frame, paper.actual_heights])

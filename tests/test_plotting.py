@@ -22,7 +22,7 @@ def results(width, height, label="thing"):
     ]
     depth = ims.ObjectDepths([4.0, 4.0, np.nan], kind="relative", rel_std=0.0)
     table = ims.PriorTable([ims.ObjectPrior("pole", 0.7, 0.01)])
-    model = ims.fit(detections, depth, table, noise=ims.Noise(box_px=0.0))
+    model = ims.fit(detections, depth, table, method="robust", noise=ims.Noise(box_px=0.0))
     image = np.zeros((height, width, 3), dtype=np.uint8)
     return image, detections, ims.predict(model, detections, depth)
 

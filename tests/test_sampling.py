@@ -155,8 +155,8 @@ def test_scattered_background_does_not_add_up_to_a_surface():
 @pytest.mark.parametrize(
     "parts",
     [
-        pytest.param(((5.0, 260), (1.5, 140)), id="occluder on 35 %"),
-        pytest.param(((5.0, 260), (40.0, 140)), id="background on 35 %"),
+        pytest.param(((5.0, 240), (1.5, 160)), id="occluder on 40 %"),
+        pytest.param(((5.0, 240), (40.0, 160)), id="background on 40 %"),
         pytest.param(((5.0, 240), (1.5, 80), (40.0, 80)), id="20 % of each"),
     ],
 )
@@ -165,15 +165,25 @@ def test_a_large_part_on_another_surface_is_reported_as_mixed(parts):
     assert (found.value, found.mixed) == (5.0, True)
 
 
-def test_a_small_part_on_either_side_is_not_mixed():
-    found = sample(with_core((5.0, 320), (1.5, 40), (40.0, 40)))
+@pytest.mark.parametrize(
+    "parts",
+    [
+        pytest.param(((5.0, 244), (1.5, 156)), id="occluder on 39 %"),
+        pytest.param(((5.0, 244), (40.0, 156)), id="background on 39 %"),
+        pytest.param(((5.0, 244), (1.5, 78), (40.0, 78)), id="19.5 % of each"),
+        pytest.param(((5.0, 320), (1.5, 40), (40.0, 40)), id="10 % of each"),
+    ],
+)
+def test_a_small_part_on_either_side_is_not_mixed(parts):
+    found = sample(with_core(*parts))
     assert (found.value, found.mixed) == (5.0, False)
 
 
-@pytest.mark.parametrize("other", [5.0 * 1.2, 5.0 / 1.2])
-def test_parts_of_one_object_a_fifth_apart_are_not_mixed(other):
-    found = sample(with_core((5.0, 240), (other, 160)))
-    assert (found.value, found.mixed) == (5.0, False)
+@pytest.mark.parametrize(("apart", "mixed"), [(1.09, False), (1.11, True), (1.2, True)])
+@pytest.mark.parametrize("nearer", [False, True], ids=["farther", "nearer"])
+def test_parts_of_one_object_less_than_a_tenth_apart_are_not_mixed(apart, nearer, mixed):
+    found = sample(with_core((5.0, 240), (5.0 / apart if nearer else 5.0 * apart, 160)))
+    assert (found.value, found.mixed) == (5.0, mixed)
 
 
 def test_of_two_equal_surfaces_the_nearer_is_taken():

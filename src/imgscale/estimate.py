@@ -94,6 +94,8 @@ class SizeEstimate:
     def __str__(self) -> str:
         words = ", ".join(flag_names(self.flags))
         size = "unknown" if math.isnan(self.size_m) else f"{with_error(self.size_m, self.std_m)} m"
+        if math.isinf(self.std_m):
+            size = f"{self.size_m:.2g} +- inf m"
         return f"{self.label}: {self.axis} {size}{f' ({words})' if words else ''}"
 
 

@@ -57,8 +57,8 @@ def fit_robust(obs: LogObservations) -> LogFit:
     log_k = start
     trust, share = np.ones_like(obs.y), np.zeros_like(obs.y)
     for _ in range(_MAX_STEPS):
-        residual = (obs.y - log_k[obs.image]) / (widened.total_std * _TUKEY_C)
-        trust = np.where(obs.firm, 1.0, np.maximum(0.0, 1 - residual**2) ** 2)
+        residual = (obs.y - log_k[obs.image]) / widened.total_std
+        trust = np.where(obs.firm, 1.0, tukey(residual))
         share = shares_of_k(widened, trust / widened.variance)
         step = np.bincount(obs.image, share * (obs.y - log_k[obs.image]), obs.n_images)
         log_k = log_k + step
@@ -71,6 +71,24 @@ def fit_robust(obs: LogObservations) -> LogFit:
         weight=trust / widened.variance,
         share=share,
     )
+
+
+def tukey(residual: FloatArray) -> FloatArray:
+    """
+    Weigh residuals by Tukey's biweight.
+
+    Parameters
+    ----------
+    residual : ndarray of float
+        Residuals in standard errors.
+
+    Returns
+    -------
+    ndarray of float64
+        ``(1 - (r / 4.685)^2)^2``, 0 beyond 4.685.
+    """
+    weight: FloatArray = np.maximum(0.0, 1 - (residual / _TUKEY_C) ** 2) ** 2
+    return weight
 
 
 def disagree(obs: LogObservations) -> BoolArray:

@@ -7,6 +7,8 @@ a child or sitting, and then about two thirds of its prior's size.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from imgscale._typing import FloatArray
@@ -17,6 +19,7 @@ from imgscale.segments import LogFit, LogObservations, sum_by
 _GROSS, _GROSS_STD = 0.02, 0.5
 _SMALLER, _SMALLER_BY, _SMALLER_STD = 0.03, 0.4, 0.25
 SOUND = 1 - _GROSS - _SMALLER
+_ROOT_TWO_PI = math.sqrt(2 * math.pi)
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -34,11 +37,12 @@ def outlier_density(residual: FloatArray, variance: FloatArray) -> FloatArray:
     Returns
     -------
     ndarray of float64
-        ``0.02 N(r; v + 0.5^2) + 0.03 N(r - 0.4; v + 0.25^2)``, without the factor 1 / sqrt(2 pi).
+        ``0.02 L(r; v + 0.5^2) + 0.03 N(r - 0.4; v + 0.25^2)`` times sqrt(2 pi), with the Laplace
+        density ``L(r; 2 b^2) = exp(-|r| / b) / (2 b)``: wrong units and labels have no bounds.
     """
-    gross = variance + _GROSS_STD**2
+    scale = np.sqrt((variance + _GROSS_STD**2) / 2)
     smaller = variance + _SMALLER_STD**2
-    either_way: FloatArray = np.exp(-0.5 * residual**2 / gross) / np.sqrt(gross)
+    either_way: FloatArray = np.exp(-np.abs(residual) / scale) * (_ROOT_TWO_PI / (2 * scale))
     one_sided = np.exp(-0.5 * (residual - _SMALLER_BY) ** 2 / smaller) / np.sqrt(smaller)
     return _GROSS * either_way + _SMALLER * one_sided
 
@@ -46,6 +50,8 @@ def outlier_density(residual: FloatArray, variance: FloatArray) -> FloatArray:
 def robust_evidence(obs: LogObservations, fit: LogFit) -> FloatArray:
     """
     Compute the evidence of each image's references about a robust fit, by Laplace's method.
+
+    The labels' offsets are integrated out, with the references that are probably sound.
 
     Parameters
     ----------
@@ -61,9 +67,20 @@ def robust_evidence(obs: LogObservations, fit: LogFit) -> FloatArray:
     """
     residual = obs.y - fit.log_k[obs.image]
     total = obs.variance + obs.tau**2
-    sound = np.exp(-0.5 * residual**2 / total) / np.sqrt(total)
+    sound = np.where(obs.firm, 1.0, SOUND) * np.exp(-0.5 * residual**2 / total) / np.sqrt(total)
     wrong = np.where(obs.firm, 0.0, outlier_density(residual, total))
-    share = np.where(obs.firm, 1.0, SOUND)
-    log_likelihood = np.log(np.maximum(share * sound + wrong, _TINY))
-    evidence: FloatArray = sum_by(obs.image, log_likelihood) + np.log(fit.log_std)
+    either = np.maximum(sound + wrong, _TINY)
+    # the share of each reference that is wrong costs its own density, and tells nothing of k
+    log_row = np.log(either) - sound / either * (0.5 * np.log(obs.variance / total))
+    log_row += sound / either * 0.5 * residual**2 / total
+    weight = sound / either / obs.variance
+    image, tau = obs.of_groups()
+    group_weight = sum_by(obs.group, weight)
+    mates = sum_by(obs.group, weight * residual) ** 2 * tau**2 / (1 + tau**2 * group_weight)
+    quadratic = sum_by(obs.image, weight * residual**2) - sum_by(image, mates)
+    evidence: FloatArray = (
+        sum_by(obs.image, log_row)
+        - 0.5 * (quadratic + sum_by(image, np.log1p(tau**2 * group_weight)))
+        + np.log(fit.log_std)
+    )
     return evidence

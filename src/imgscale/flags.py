@@ -44,8 +44,8 @@ class Flag(enum.Flag):
         The object is more than twice as near or as far as any reference, where the shift of the
         depth was fitted too.
     BEYOND_HORIZON : Flag
-        The object lies where the fitted law has no finite distance: its size is NaN, or has no
-        upper bound where that is only possible.
+        The object lies where the fitted law has no finite distance: its size is NaN, or where that
+        is only possible (with 2.5 % or more), its interval has no upper end.
     """
 
     SINGLE_REFERENCE = enum.auto()

@@ -65,11 +65,11 @@ def half_width(quantiles: FloatArray) -> FloatArray:
     Returns
     -------
     (M,) ndarray of float64
-        The half widths.
+        The half widths; inf where the upper end is.
     """
     one = int(np.searchsorted(SCORES, 1.0))
-    width: FloatArray = (quantiles[:, one] - quantiles[:, -1 - one]) / 2
-    return width
+    low, high = quantiles[:, -1 - one], quantiles[:, one]
+    return np.where(np.isposinf(high), np.inf, high - np.where(np.isposinf(low), 0.0, low)) / 2
 
 
 def _quantiles(weight: FloatArray, mean: FloatArray, variance: FloatArray) -> FloatArray:
@@ -86,7 +86,13 @@ def _quantiles(weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Fl
     wanted = np.linspace(-_REACH, _REACH, _ABSCISSAE)
     known: FloatArray = np.empty(0)
     scores: FloatArray = np.empty(0)
-    for targets in (wanted, SCORES, SCORES):  # each looks closer where the mass was found
+    for targets in (
+        wanted,
+        wanted,
+        wanted,
+        SCORES,
+        SCORES,
+    ):  # each looks closer where the mass was found
         below: FloatArray = weight @ special.ndtr((at - mean[:, None]) / std[:, None])
         order = np.argsort(np.concatenate([known, at]), kind="stable")
         known = np.concatenate([known, at])[order]

@@ -227,8 +227,19 @@ class ScaleModel:
             camera.focal_px * self.scale_map(depth),
             kind="metric",
             image_size=depth.image_size,
-            scale_rel_std=math.hypot(self.k_std / self.k, camera.focal_rel_std),
+            scale_rel_std=math.hypot(self._scale_rel_std, camera.focal_rel_std),
         )
+
+    @property
+    def _scale_rel_std(self) -> float:
+        """Relative error of metres per pixel; with a shift, at the references' mean depth."""
+        of_k = self.k_std / self.k
+        if not LAWS[self.kind].has_shift or math.isnan(self.mean_depth):
+            return of_k
+        distance = float(LAWS[self.kind].relative_distance(self.mean_depth, self.shift))
+        of_shift = self.shift_std * distance
+        variance = of_k**2 + of_shift**2 - 2 * self.correlation * of_k * of_shift
+        return math.sqrt(max(variance, 0.0))
 
     def check_depth(self, depth: Depth, *, same_scale: bool) -> None:
         """
@@ -327,7 +338,8 @@ class ScaleModel:
         used = sum(ref.used for ref in self.references)
         candidates = sum(ref.reason != "no prior" for ref in self.references)
         noun = "reference" if candidates == 1 else "references"
-        text = f"{_k_text(self)} ({law.k_meaning}) from {used} of {candidates} {noun}"
+        shift = f", shift {with_error(self.shift, self.shift_std)}," if law.has_shift else ""
+        text = f"{_k_text(self)} ({law.k_meaning}){shift} from {used} of {candidates} {noun}"
         if self.camera_is_witness:
             text += " and the camera's focal length"
         for title, wanted in (("not used", True), ("without a prior", False)):

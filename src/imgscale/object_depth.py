@@ -131,19 +131,29 @@ def object_depths(
         values = depth.values.astype(np.float64)
     else:
         unknown = noise.depth_rel is None
-        samples = [_sample(detection, depth) for detection in detections]
+        origin = _origin(depth)
+        samples = [_sample(detection, depth, origin) for detection in detections]
         values = np.array([sample.value for sample in samples], dtype=np.float64)
         own = np.array([sample.rel_std for sample in samples], dtype=np.float64)
         mixed = np.array([sample.mixed for sample in samples], dtype=np.bool_)
     return DepthColumns(values, np.hypot(own, noise.depth_rel or 0.0), unknown, mixed)
 
 
-def _sample(detection: Detection, depth: DepthMap) -> DepthSample:
+def _origin(depth: DepthMap) -> float:
+    """Where a shift is unknown, take the farthest pixel for ten times as far as the nearest."""
+    if not LAWS[depth.kind].has_shift:
+        return 0.0
+    seen = depth.values[np.isfinite(depth.values)].astype(np.float64)
+    return float(seen.min() - (np.ptp(seen) / 9 or 1.0)) if seen.size else 0.0
+
+
+def _sample(detection: Detection, depth: DepthMap, origin: float) -> DepthSample:
     return sample_surface(
         depth.values,
         detection.xyxy,
         kind=depth.kind,
         image_size=depth.image_size,
         nearness=1 if LAWS[depth.kind].inverse else -1,
+        origin=origin,
         mask=detection.mask,
     )

@@ -14,11 +14,12 @@ likelihood of log k is the product over the labels of g_c convolved with N(0, ta
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from imgscale._typing import FloatArray
+from imgscale._typing import FloatArray, IntArray
 from imgscale.evidence import SOUND, outlier_density
 from imgscale.segments import (
     LogFit,
@@ -32,15 +33,19 @@ from imgscale.segments import (
 
 # The grid: half a standard deviation of the sharpest label apart, and wide enough for outliers.
 _STEP = 0.5
-_LARGEST_GRID = 1024
+_LARGEST_GRID = 4096
 _REACH = 5.0
-_OUTLIER_REACH = 2.0
+_OUTLIER_REACH = 3.0
 # Kernels of labels' offsets reach 5 standard deviations; those of a variance below half a squared
 # step keep only that variance.
 _KERNEL_REACH = 5.0
 _NARROW = 0.5
 # Log likelihoods are cut off here, relative to their largest: exp() of them is still a number.
 _LOWEST = -600.0
+# Points whose weight is less than the best one's by this factor (its log) are left out.
+_NEGLIGIBLE = 21.0
+# Numbers that are worked on at once.
+_BLOCK = 200_000
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -52,23 +57,26 @@ class GridFit(NamedTuple):
     ----------
     points : (n_images, G) ndarray of float64
         Values of log k, equally spaced.
+    least_var : (n_images,) ndarray of float64
+        Variance added to every reference where the points cannot resolve them; 0 as a rule.
+    n_references : (n_images,) ndarray of int
+        Number of references.
     log_density : (n_images, G) ndarray of float64
         Log likelihood of log k.
     log_row : (N, G) ndarray of float64
         Log likelihood of each reference at the points as values of v.
     log_group : (n_groups, G) ndarray of float64
         The label's sum of it.
-    core : (N, G, J) ndarray of float64
-        Probability that a reference is sound and of the kind j, given v.
     log_seen, seen_mean, seen_var : (n_groups, G) ndarray of float64
         What all other labels say of v: its log likelihood, and log k given v.
     """
 
     points: FloatArray
+    least_var: FloatArray
+    n_references: IntArray
     log_density: FloatArray
     log_row: FloatArray
     log_group: FloatArray
-    core: FloatArray
     log_seen: FloatArray
     seen_mean: FloatArray
     seen_var: FloatArray
@@ -95,17 +103,10 @@ def fit_grid(obs: LogObservations) -> GridFit:
     """
     points, least = _grid(obs)
     step = points[:, 1] - points[:, 0]
-    v = points[obs.image]
-    widened = least[obs.image]
-    part = obs.kinds
-    residual = part.mean[:, None, :] - v[:, :, None]
-    variance = (part.variance + widened[:, None])[:, None, :]
-    share = part.share * np.where(obs.firm, 1.0, SOUND)[:, None]
-    sound = share[:, None, :] * np.exp(-0.5 * residual**2 / variance) / np.sqrt(variance)
-    wrong = outlier_density(obs.y[:, None] - v, (obs.variance + widened)[:, None])
-    wrong = np.where(obs.firm[:, None], 0.0, wrong)
-    total = sound.sum(axis=2) + wrong
-    log_row = np.log(np.maximum(total, _TINY))
+    log_row = np.empty((obs.y.size, points.shape[1]))
+    for rows in _blocks(obs.y.size, points.shape[1] * obs.kinds.share.shape[1]):
+        sound, wrong = _densities(obs, rows, points[obs.image[rows]], least[obs.image[rows]])
+        log_row[rows] = np.log(np.maximum(sound.sum(axis=2) + wrong, _TINY))
     log_group = sum_by(obs.group, log_row)
     log_group = np.maximum(log_group, log_group.max(axis=1, keepdims=True) + _LOWEST)
     image, tau = obs.of_groups()
@@ -116,13 +117,14 @@ def fit_grid(obs: LogObservations) -> GridFit:
     )
     return GridFit(
         points=points,
+        least_var=least,
+        n_references=np.bincount(obs.image, minlength=obs.n_images),
         log_density=log_density,
         log_row=log_row,
         log_group=log_group,
         log_seen=log_seen,
         seen_mean=seen_mean,
         seen_var=seen_var,
-        core=sound / np.maximum(total, _TINY)[:, :, None],
     )
 
 
@@ -160,30 +162,31 @@ def view_on_grid(fit: GridFit, subjects: Subjects) -> View:
     Returns
     -------
     View
-        A case for each point v = log k + u: mean and variance of log k given v. The weights hold
-        the evidence of the references.
+        A case for each point of a window that holds all the mass. To objects of a label with
+        references the points are those of v = log k + u, with log k given v; to others those of
+        log k. The weights hold the evidence of the references.
     """
-    points, step = fit.points[subjects.image], fit.step[subjects.image]
-    known, own = subjects.group >= 0, subjects.own >= 0
-    log_seen, mean, variance = (np.empty_like(points) for _ in range(3))
-    group = subjects.group[known]
-    log_seen[known] = fit.log_seen[group] + fit.log_group[group]
-    mean[known], variance[known] = fit.seen_mean[group], fit.seen_var[group]
-    if not known.all():
-        alone = ~known
-        log_seen[alone], mean[alone], variance[alone] = _seen(
-            fit.log_density[subjects.image[alone]],
-            points[alone],
-            (subjects.tau / step)[alone],
-        )
+    known, own = (subjects.group >= 0)[:, None], subjects.own >= 0
+    image = subjects.image[:, None]
+    # a label's references speak of v; to other labels all speak of log k, and u is independent
+    by_label = np.concatenate([fit.log_seen + fit.log_group, fit.log_density])
+    source = np.where(known[:, 0], subjects.group, len(fit.log_group) + subjects.image)
+    log_seen = by_label[source]
     log_seen[own] -= fit.log_row[subjects.own[own]]
+    window = _window(log_seen)
+    points, group = fit.points[image, window], np.maximum(subjects.group, 0)[:, None]
+    mean = np.where(known, fit.seen_mean[group, window], points)
+    variance = np.where(known, fit.seen_var[group, window], 0.0)
+    # where there is no other reference nothing is known of log k, and of u no more than its prior
+    alone = (fit.n_references[subjects.image] == own)[:, None]
+    log_weight = np.take_along_axis(log_seen, window, axis=1) + np.log(fit.step[image])
     return View(
-        log_weight=log_seen + np.log(step)[:, None],
-        log_k=mean,
-        log_k_var=variance,
-        offset=points - mean,
-        offset_var=variance,
-        covariance=-variance,
+        log_weight=np.where(alone, 0.0, log_weight),
+        log_k=np.where(alone, np.nan, mean),
+        log_k_var=np.where(alone, np.nan, variance),
+        offset=np.where(alone, 0.0, points - mean),
+        offset_var=np.where(alone | ~known, subjects.tau[:, None] ** 2, variance),
+        covariance=np.where(alone, 0.0, -variance),
     )
 
 
@@ -205,12 +208,16 @@ def believe(obs: LogObservations, fit: GridFit) -> tuple[LogFit, FloatArray]:
     kinds : (N, J) ndarray of float64
         Probability that each is sound and of the kind j of its label.
     """
-    rows = np.arange(obs.y.size)
-    view = view_on_grid(fit, Subjects(obs.image, obs.group, obs.tau, rows))
-    log_weight = view.log_weight + fit.log_row
-    weight = normalised(log_weight, 1)
-    kinds: FloatArray = np.einsum("ng,ngj->nj", weight, fit.core)
+    log_weight = (fit.log_seen + fit.log_group)[obs.group]
+    window = _window(log_weight)
+    weight = normalised(np.take_along_axis(log_weight, window, axis=1), 1)
     part = obs.kinds
+    kinds = np.empty_like(part.share)
+    for rows in _blocks(obs.y.size, window.shape[1] * part.share.shape[1]):
+        v = fit.points[obs.image[rows, None], window[rows]]
+        sound, wrong = _densities(obs, rows, v, fit.least_var[obs.image[rows]])
+        total = np.maximum(sound.sum(axis=2) + wrong, _TINY)
+        kinds[rows] = np.einsum("ng,ngj->nj", weight[rows] / total, sound)
     trust = kinds.sum(axis=1)
     precision = (kinds / part.variance).sum(axis=1)
     own = np.where(precision > 0, (kinds / part.variance * part.mean).sum(axis=1), 0.0)
@@ -227,6 +234,36 @@ def believe(obs: LogObservations, fit: GridFit) -> tuple[LogFit, FloatArray]:
         share=share,
     )
     return summary, kinds
+
+
+def _blocks(count: int, size: int) -> Iterator[slice]:
+    """Split rows of a size into blocks that fit into the processor's cache."""
+    height = max(1, _BLOCK // size)
+    for start in range(0, count, height):
+        yield slice(start, start + height)
+
+
+def _densities(
+    obs: LogObservations, rows: slice, v: FloatArray, added_var: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Densities of references that are sound, of each kind (R, G, J), and wrong (R, G), at v."""
+    part, firm = obs.kinds, obs.firm[rows]
+    variance = (part.variance[rows] + added_var[:, None])[:, None, :]
+    share = part.share[rows] * np.where(firm, 1.0, SOUND)[:, None]
+    residual = part.mean[rows][:, None, :] - v[:, :, None]
+    sound = (share[:, None, :] / np.sqrt(variance)) * np.exp(-0.5 * residual**2 / variance)
+    wrong = outlier_density(obs.y[rows][:, None] - v, (obs.variance[rows] + added_var)[:, None])
+    return sound, np.where(firm[:, None], 0.0, wrong)
+
+
+def _window(log_values: FloatArray) -> IntArray:
+    """Columns that hold all the mass of each row, as many in every row."""
+    heavy = log_values > log_values.max(axis=1, keepdims=True) - _NEGLIGIBLE
+    size = log_values.shape[1]
+    first, last = np.argmax(heavy, axis=1), size - np.argmax(heavy[:, ::-1], axis=1)
+    width = int((last - first).max(initial=1))
+    window: IntArray = np.minimum(first, size - width)[:, None] + np.arange(width)
+    return window
 
 
 def _seen(
@@ -291,8 +328,10 @@ def _grid(obs: LogObservations) -> tuple[FloatArray, FloatArray]:
     np.minimum.at(first, obs.image, low)
     np.maximum.at(last, obs.image, high)
     first, last = first - reach, last + reach
-    # a firm witness leaves no other place
-    firm_reach = np.where(obs.firm, 2 * _REACH * std, np.inf)
+    # a firm witness leaves no other place, but for the labels' offsets
+    offset = np.zeros(n_images)
+    np.maximum.at(offset, obs.image, _REACH * obs.tau)
+    firm_reach = np.where(obs.firm, 2 * _REACH * std + offset[obs.image], np.inf)
     np.maximum.at(first, obs.image, obs.y - firm_reach)
     np.minimum.at(last, obs.image, obs.y + firm_reach)
     information = np.bincount(obs.group, 1 / std**2)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from imgscale._typing import FloatArray, IntArray
 from imgscale.estimator import log_k_std, view_from_others
-from imgscale.mixture import Mixture
+from imgscale.mixture import MEDIAN, SCORES, Mixture
 from imgscale.posterior import view_on_grid
 from imgscale.segments import View, normalised
 from imgscale.solving import Cases
@@ -14,6 +16,11 @@ from imgscale.witnesses import Sized, subjects_under
 
 # Variances below this are rounding.
 _LEAST = 1e-24
+# Where widths are compared: scores from 1 to 2, the 68 to 95 % intervals.
+_UPPER = np.arange(MEDIAN + 4, MEDIAN + 9)
+_LOWER = SCORES.size - 1 - _UPPER
+# Points of a grid are widened to 0.6 steps: a Gaussian of theirs is then smooth within 1e-4.
+_BLEND = 0.6**2
 
 
 def scale_of(cases: Cases) -> Mixture:
@@ -62,16 +69,13 @@ def measured(cases: Cases, subjects: Sized) -> Mixture:
         image = subjects.image + cases.log_weight.shape[1] * np.arange(len(log_size))[:, None]
         log_k, log_std = cases.fit.log_k[image], cases.fit.log_std[image]
         view = view._replace(log_k=log_k[..., None], log_k_var=log_std[..., None] ** 2)
-    finite = np.where(np.isposinf(log_size), 0.0, log_size)
-    mean, variance = _widened(
-        cases,
-        subjects,
-        view.log_weight,
-        view.log_k + finite[..., None],
-        view.log_k_var,
-        noise_var,
-    )
-    return _mix(view.log_weight, np.where(np.isposinf(log_size)[..., None], np.inf, mean), variance)
+    finite = np.isfinite(log_size)
+    mean = view.log_k + np.where(finite, log_size, 0.0)[..., None]
+    log_weight = view.log_weight - _peak(view.log_weight)
+    cloud = _blended(log_weight, mean, view.log_k_var + noise_var[..., None])
+    # where there is no depth, nothing is known; beyond the horizon the size has no bound
+    lost = np.where(np.isposinf(log_size), np.inf, np.nan)[..., None]
+    return _mix([cloud._replace(mean=np.where(finite[..., None], mean, lost))])
 
 
 def measured_again(
@@ -108,11 +112,9 @@ def measured_again(
     noise_var = references.noise_under(cases.nuisance)
     common = common_var + noise_var - references.noise_var
     variance = np.maximum(log_k_var + noise_var - 2 * share * common, 0.0)
-    return _mix(
-        cases.log_weight[:, references.image, None],
-        (log_k + references.log_size(cases.nuisance))[..., None],
-        variance[..., None],
-    )
+    mean = log_k + references.log_size(cases.nuisance)
+    weight = normalised(cases.log_weight, 0)[:, references.image]
+    return _mix([Mixture(weight[..., None], mean[..., None], variance[..., None])])
 
 
 def fused(cases: Cases, subjects: Sized, own: IntArray) -> Mixture:
@@ -140,22 +142,49 @@ def fused(cases: Cases, subjects: Sized, own: IntArray) -> Mixture:
     """
     view, log_size, noise_var = _look(cases, subjects, own)
     alone = np.isnan(view.log_k) | ~np.isfinite(log_size)[..., None]
-    parts: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+    kinds: list[Mixture] = []  # with the logs of the weights
     for share, kind_mean, kind_var in zip(*(column.T for column in subjects.prior), strict=True):
         a, b = kind_mean[:, None] - view.offset, view.log_k + log_size[..., None]
         var_a, var_b = kind_var[:, None] + view.offset_var, view.log_k_var + noise_var[..., None]
         spread = np.where(alone, 1.0, np.maximum(var_a + var_b + 2 * view.covariance, _LEAST))
         gap = np.where(alone, 0.0, b - a)
         gain = np.where(alone, 0.0, (var_a + view.covariance) / spread)
-        log_weight = view.log_weight - 0.5 * (gap**2 / spread + np.log(spread))
-        variance = var_a - gain * (var_a + view.covariance)
-        parts.append((log_weight + _log(share)[:, None], a + gain * gap, variance))
-    log_weight, mean, variance = (
-        np.concatenate(column, axis=2) for column in zip(*parts, strict=True)
-    )
-    nothing = np.zeros_like(noise_var)
-    mean, variance = _widened(cases, subjects, log_weight, mean, variance, nothing)
-    return _mix(log_weight, mean, variance)
+        with np.errstate(divide="ignore"):
+            log_share = np.log(share)[:, None]
+        kinds.append(
+            Mixture(
+                view.log_weight + log_share - 0.5 * (gap**2 / spread + np.log(spread)),
+                a + gain * gap,
+                np.maximum(var_a - gain * (var_a + view.covariance), 0.0),
+            )
+        )
+    peak = np.max([_peak(kind.weight) for kind in kinds], axis=0)
+    return _mix([_blended(kind.weight - peak, kind.mean, kind.variance) for kind in kinds])
+
+
+def with_priors(cases: Cases, subjects: Sized, own: IntArray) -> FloatArray:
+    """
+    Compute the quantiles of log sizes with the objects' own priors, never wider than those.
+
+    Parameters
+    ----------
+    cases : Cases
+        The solutions.
+    subjects : Sized
+        The objects, all with priors.
+    own : (M,) ndarray of int
+        Which reference each was; -1 for none.
+
+    Returns
+    -------
+    (M, 29) ndarray of float64
+        Quantiles at the standard scores. Where a measurement contradicts a prior so much that
+        both together are wider, the prior stands alone.
+    """
+    together = fused(cases, subjects, own).quantiles()
+    alone = prior_alone(subjects).quantiles()
+    wider = (together[:, _UPPER] - together[:, _LOWER]) > (alone[:, _UPPER] - alone[:, _LOWER])
+    return np.where(np.any(wider, axis=1, keepdims=True), alone, together)
 
 
 def prior_alone(subjects: Sized) -> Mixture:
@@ -203,7 +232,8 @@ def residuals(cases: Cases, candidates: Sized, own: IntArray) -> FloatArray:
     own_var = cases.obs.variance.reshape(shape)[:, own][..., None]
     residual = observed - view.log_k - view.offset
     variance = view.log_k_var + view.offset_var + 2 * view.covariance + own_var
-    mixture = _mix(view.log_weight, residual, np.broadcast_to(variance, residual.shape))
+    weight = np.exp(view.log_weight - _peak(view.log_weight))
+    mixture = _mix([Mixture(weight, residual, variance)])
     mean = (mixture.weight * mixture.mean).sum(axis=1)
     spread = mixture.variance + (mixture.mean - mean[:, None]) ** 2
     z_scores: FloatArray = mean / np.sqrt((mixture.weight * spread).sum(axis=1))
@@ -230,49 +260,57 @@ def _look(
     return view._replace(log_weight=view.log_weight + log_prior[..., None]), log_size, noise_var
 
 
-def _widened(
-    cases: Cases,
-    subjects: Sized,
-    log_weight: FloatArray,
-    mean: FloatArray,
-    variance: FloatArray,
-    added: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
+def _blended(log_weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Mixture:
     """
-    Add variance to components that may be points of a grid.
+    Make a mixture (K, M, C), whose components may be points of a grid, smooth along C.
 
-    Points are widened until they overlap and drawn together so much that mean and variance of
-    the whole stay what they are.
+    Points are widened to 0.6 of their spacing, and the weights w sharpened by as much: with D
+    second differences and t the added variance in squared steps,
+    w - D(t w) / 2 + D D((t / 24 + t^2 / 8) w) undoes it.
     """
-    if cases.grid is None:
-        return mean, np.maximum(variance + added[..., None], 0.0)
-    step = cases.grid.step.reshape(cases.log_weight.shape)[:, subjects.image][..., None]
-    given = np.maximum(added[..., None], (step / 2) ** 2 - variance)
-    weight = normalised(log_weight, 2)
-    centre = (weight * mean).sum(axis=2, keepdims=True)
-    between = (weight * (mean - centre) ** 2).sum(axis=2, keepdims=True)
-    excess = (weight * (given - added[..., None])).sum(axis=2, keepdims=True)
-    kept = np.maximum(1 - excess / np.maximum(between, _LEAST), 0.0)
-    return centre + (mean - centre) * np.sqrt(kept), variance + given
+    weight = np.exp(log_weight)
+    if mean.shape[2] == 1:
+        return Mixture(weight, mean, variance)
+    spacing = np.gradient(mean, axis=2) ** 2
+    added = np.maximum(_BLEND * spacing - variance, 0.0)
+    t = added / np.maximum(spacing, _LEAST)
+    sharper = (
+        weight
+        - _second_difference(t * weight) / 2
+        + _second_difference(_second_difference((t / 24 + t**2 / 8) * weight))
+    )
+    return Mixture(np.maximum(sharper, 0.0), mean, variance + added)
 
 
-def _mix(log_weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Mixture:
+def _second_difference(values: FloatArray) -> FloatArray:
+    """Second difference along the last axis, beyond whose ends the values are 0."""
+    padded = np.pad(values, ((0, 0), (0, 0), (1, 1)))
+    difference: FloatArray = padded[..., 2:] - 2 * values + padded[..., :-2]
+    return difference
+
+
+def _peak(log_weight: FloatArray) -> FloatArray:
+    """Largest log weight of each object over all cases."""
+    peak: FloatArray = log_weight.max(axis=(0, 2), keepdims=True)
+    return peak
+
+
+def _mix(clouds: Sequence[Mixture]) -> Mixture:
     """Gather all cases of each object in one row; what lies at infinity weighs, and is left out."""
-    n_subjects = mean.shape[1]
+    n_subjects = clouds[0].mean.shape[1]
 
     def rows(column: FloatArray) -> FloatArray:
-        return np.moveaxis(column, 1, 0).reshape(n_subjects, -1)
+        by_object = np.moveaxis(column, 1, 0)
+        return by_object.reshape(n_subjects, column.shape[0] * column.shape[2])
 
-    weight, mean = normalised(rows(log_weight), 1), rows(mean)
+    weight, mean, variance = (
+        np.concatenate([rows(part) for part in parts], axis=1)
+        for parts in zip(*clouds, strict=True)
+    )
+    weight = weight / weight.sum(axis=1, keepdims=True)
     infinite = np.isposinf(mean)
     return Mixture(
         weight=np.where(infinite, 0.0, weight),
         mean=np.where(infinite, 0.0, mean),
-        variance=rows(variance),
+        variance=variance,
     )
-
-
-def _log(values: FloatArray) -> FloatArray:
-    """Logarithm, -inf for 0."""
-    with np.errstate(divide="ignore"):
-        return np.log(values)

@@ -11,7 +11,7 @@ from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.detection import Detection
 from imgscale.mixture import MEDIAN, half_width
 from imgscale.observations import Observations
-from imgscale.predictive import fused, measured, residuals
+from imgscale.predictive import measured, residuals, with_priors
 from imgscale.prior_choice import rows_along
 from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference
@@ -101,14 +101,18 @@ def _columns(
     own = np.arange(obs.eligible.size)
     candidates = cases.witnesses.rows(own)
     rejected = estimate.trust[own] < _REJECTED
-    log_size = fused(cases, candidates, own).quantiles()
+    quantiles = with_priors(cases, candidates, own)
+    log_size = quantiles[:, MEDIAN].copy()
     if rejected.any():  # its prior does not hold for it: what is left is its measurement
-        log_size[rejected] = measured(cases, candidates.rows(rejected)).quantiles()
-    posterior_m = np.exp(log_size[:, MEDIAN])
+        lost = candidates.rows(rejected)
+        quantiles[rejected] = measured(cases, lost).quantiles()
+        log_d = -np.log(lost.inverse_depth + estimate.shift[0])
+        log_size[rejected] = estimate.log_k[0] + log_d + lost.log_pixels
+    posterior_m = np.exp(log_size)
     kinds = estimate.kinds[own]
     return {
         "posterior_m": posterior_m,
-        "posterior_std_m": posterior_m * half_width(log_size),
+        "posterior_std_m": posterior_m * half_width(quantiles),
         "z_score": residuals(cases, candidates, own),
         "weight": estimate.share[own],
         "taken_as_probability": kinds.max(axis=1),

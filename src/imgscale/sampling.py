@@ -73,6 +73,7 @@ def sample_surface(
     kind: DepthKind,
     image_size: ImageSize,
     nearness: int,
+    origin: float = 0.0,
     mask: BoolArray | None = None,
 ) -> DepthSample:
     """
@@ -90,6 +91,8 @@ def sample_surface(
         Size of the image; the box is scaled from it to the map.
     nearness : int
         1 where larger values are nearer, -1 where they are farther.
+    origin : float
+        Value from which ratios of depths count; 0 but where a shift is unknown.
     mask : (image height, image width) ndarray of bool, optional
         The object's pixels; all of them inside the box are then used, not the core.
 
@@ -108,7 +111,7 @@ def sample_surface(
     for candidates in pixels:
         seen = candidates[valid_depths(candidates, kind)]
         if seen.size:
-            return _dominant(seen, nearness)
+            return _dominant(seen, nearness, origin)
     return DepthSample(math.nan, math.nan, mixed=False)
 
 
@@ -157,10 +160,10 @@ def _centres(span: slice, scale: float) -> IntArray:
     return indices.astype(np.intp)
 
 
-def _dominant(seen: AnyFloatArray, nearness: int) -> DepthSample:
+def _dominant(seen: AnyFloatArray, nearness: int, origin: float) -> DepthSample:
     """Find the log-depth window that holds most pixels, the nearest of equals, and sample it."""
     ordered = np.sort(seen.astype(np.float64))[::-nearness]  # near to far
-    log_depth: FloatArray = -nearness * np.log(ordered)
+    log_depth: FloatArray = -nearness * np.log(ordered - origin)
     counts = np.searchsorted(log_depth, log_depth + _SURFACE_LOG_WIDTH, side="right")
     counts -= np.arange(log_depth.size)
     start = int(np.argmax(counts))

@@ -1,32 +1,37 @@
 """
-The unknown shift of an inverse depth: where it may lie, found by zooming in on the evidence.
+The unknown shift of an inverse depth: where it may lie, found by robust Gauss-Newton.
 
-The nearest-to-horizon reference must lie before the horizon, so that ``c = min(D) + b`` is
-positive; log c runs over the whole line, and evidence and prior are smooth in it. All is in units
-of the spread of D, whatever the scaling and offset of the input.
+The reference nearest to the horizon lies before it, so that ``c = min(D) + b`` is positive; log c
+runs over the whole line, and log k is nearly linear in it. All is in units of the spread of D,
+whatever the scaling and offset of the input.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from imgscale._typing import FloatArray
-from imgscale.estimator import fit_robust
+from imgscale.estimator import fit_robust, tukey
 from imgscale.evidence import robust_evidence
+from imgscale.segments import LogObservations, sum_by
 from imgscale.witnesses import Nuisance, Sized, middle_case, observe_under
 
-_COARSE = 41
-_FINE = 17
+# Where c may lie, in units of the spread of D; farther where the prior of b is wider.
 _NEAREST, _FARTHEST = 1e-3, 1e2
-# Cases less probable than the best one by this factor (its log) are left out.
-_NEGLIGIBLE = 13.0
-_RESOLVED = 14
-_MAX_ZOOMS = 12
+_STARTS, _COARSE, _FINE = 25, 13, 17
+_FINE_REACH = 5.0
+# The noise of the first steps, which takes up how far the start is off; it shrinks by 5 a step.
+_FIRST_NOISE, _COOLING, _STEPS = 0.3, 0.2, 30
+_TINY = 1e-300
 
 
-def shift_cases(witnesses: Sized, n_images: int, *, unknown_noise: bool) -> Nuisance:
+def shift_cases(
+    witnesses: Sized, n_images: int, *, unknown_noise: bool
+) -> tuple[FloatArray, Nuisance]:
     """
-    Spread cases of the shift over where the references allow it.
+    Spread cases of the shift over where the references and the prior allow it.
 
     Parameters
     ----------
@@ -39,83 +44,123 @@ def shift_cases(witnesses: Sized, n_images: int, *, unknown_noise: bool) -> Nuis
 
     Returns
     -------
-    Nuisance
-        17 cases of the shift, for the middle case of the noise.
+    best : (n_images,) ndarray of float64
+        The most probable shift, by robust weights.
+    cases : Nuisance
+        30 cases of the shift, dense about the best one, without noise of the depths.
 
     Notes
     -----
     The prior of b is normal about 0 with the larger of the median size and the standard deviation
     of D: it shrinks towards no shift and gives way to data.
     """
-    nearest, spread, width = _scales(witnesses, n_images)
-    low = np.full(n_images, np.log(_NEAREST))
-    high = np.log(np.maximum(_FARTHEST, 5 * width / spread))
-    for _ in range(_MAX_ZOOMS):
-        log_c = np.linspace(low, high, _COARSE)
-        log_weight = _weigh(witnesses, log_c, nearest, spread, width, unknown_noise=unknown_noise)
-        likely = log_weight > log_weight.max(axis=0) - _NEGLIGIBLE
-        first = np.maximum(np.argmax(likely, axis=0) - 1, 0)
-        last = np.minimum(_COARSE - np.argmax(likely[::-1], axis=0), _COARSE - 1)
-        column = np.arange(n_images)
-        low, high = log_c[first, column], log_c[last, column]
-        if np.all(likely.sum(axis=0) >= _RESOLVED):
-            break
-    log_c = np.linspace(low, high, _FINE)
-    shift = spread * np.exp(log_c) - nearest
-    return Nuisance(
-        shift=shift,
-        depth_var=np.zeros(_FINE),
-        log_prior=_log_prior(shift, log_c, width),
-    )
+    scale = _scales(witnesses, n_images)
+    starts = np.linspace(scale.low, scale.high, _STARTS)
+    log_c, std = _newton(witnesses, scale, _best(witnesses, scale, starts), unknown_noise)
+    fine = log_c + std * np.linspace(-_FINE_REACH, _FINE_REACH, _FINE)[:, None]
+    cases = np.concatenate([np.linspace(scale.low, scale.high, _COARSE), fine])
+    cases = np.sort(np.clip(cases, scale.low, scale.high), axis=0)
+    shift = scale.shift(cases)
+    # the trapezoidal rule: each case stands for the stretch around it, db = c dlog(c)
+    stretch = np.maximum(np.gradient(cases, axis=0), _TINY)
+    log_prior = _log_prior(shift, scale) + cases + np.log(stretch)
+    return scale.shift(log_c), Nuisance(shift, np.zeros(len(cases)), log_prior)
 
 
-def nearest_inverse_depth(witnesses: Sized, n_images: int) -> FloatArray:
-    """
-    Find the smallest D of each image, of the reference nearest to the horizon.
+class _Scale(NamedTuple):
+    """Smallest D of each image, spread of D, width of the shift's prior, and bounds of log c."""
 
-    Parameters
-    ----------
-    witnesses : Sized
-        References.
-    n_images : int
-        Number of images.
+    nearest: FloatArray
+    spread: FloatArray
+    width: FloatArray
+    low: FloatArray
+    high: FloatArray
 
-    Returns
-    -------
-    (n_images,) ndarray of float64
-        The values.
-    """
-    return _scales(witnesses, n_images)[0]
+    def shift(self, log_c: FloatArray) -> FloatArray:
+        return self.spread * np.exp(log_c) - self.nearest
 
 
-def _scales(witnesses: Sized, n_images: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Smallest D of each image, its spread, and the width of the shift's prior."""
+def _scales(witnesses: Sized, n_images: int) -> _Scale:
     columns: list[tuple[float, float, float]] = []
     for image in range(n_images):
         inverse = witnesses.inverse_depth[(witnesses.image == image) & ~witnesses.firm]
         width = max(abs(float(np.median(inverse))), float(inverse.std()))
         columns.append((float(inverse.min()), float(np.ptp(inverse)), width))
     nearest, spread, width = np.array(columns).T
-    return nearest, spread, width
+    low = np.full(n_images, np.log(_NEAREST))
+    high = np.log(np.maximum(_FARTHEST, 5 * width / spread))
+    return _Scale(nearest, spread, width, low, high)
 
 
-def _weigh(
-    witnesses: Sized,
-    log_c: FloatArray,
-    nearest: FloatArray,
-    spread: FloatArray,
-    width: FloatArray,
-    *,
-    unknown_noise: bool,
-) -> FloatArray:
-    """Log of prior times evidence of each case and image, by the robust solver."""
-    shift = spread * np.exp(log_c) - nearest
-    cases = middle_case(shift, unknown_noise=unknown_noise)
-    obs = observe_under(witnesses, cases)
+def _log_prior(shift: FloatArray, scale: _Scale) -> FloatArray:
+    """Log of the prior density of the shift."""
+    log_prior: FloatArray = -0.5 * (shift / scale.width) ** 2
+    return log_prior
+
+
+def _best(witnesses: Sized, scale: _Scale, starts: FloatArray) -> FloatArray:
+    """Best of some values of log c, seen through the noise that their distance makes."""
+    shift = scale.shift(starts)
+    obs = observe_under(witnesses, middle_case(shift, unknown_noise=False))
+    obs = obs._replace(variance=obs.variance + _FIRST_NOISE**2)
     evidence = robust_evidence(obs, fit_robust(obs)).reshape(shift.shape)
-    return evidence + _log_prior(shift, log_c, width)
+    found = np.argmax(evidence + _log_prior(shift, scale), axis=0)
+    best: FloatArray = starts[found, np.arange(found.size)]
+    return best
 
 
-def _log_prior(shift: FloatArray, log_c: FloatArray, width: FloatArray) -> FloatArray:
-    """Log of the prior density of log c."""
-    return log_c - 0.5 * (shift / width) ** 2
+def _newton(
+    witnesses: Sized,
+    scale: _Scale,
+    log_c: FloatArray,
+    unknown_noise: bool,  # noqa: FBT001
+) -> tuple[FloatArray, FloatArray]:
+    """Improve log c together with log k by re-weighted Gauss-Newton steps; and its error."""
+    noise, std = _FIRST_NOISE, np.ones_like(log_c)
+    log_k: FloatArray | None = None
+    for _ in range(_STEPS):
+        shift = scale.shift(log_c)
+        obs = observe_under(witnesses, middle_case(shift[None], unknown_noise=unknown_noise))
+        obs = obs._replace(variance=obs.variance + noise**2)
+        log_k = fit_robust(obs).log_k if log_k is None else log_k
+        # d y / d log c = c / (D + b)
+        slope = np.exp(log_c)[obs.image] * scale.spread[obs.image]
+        slope /= witnesses.inverse_depth + shift[obs.image]
+        step_k, step_c, std = _step(obs, log_k, slope, log_c, shift, scale)
+        log_k = log_k + step_k
+        log_c = np.clip(log_c + step_c, scale.low, scale.high)
+        noise *= _COOLING
+    return log_c, std
+
+
+def _step(
+    obs: LogObservations,
+    log_k: FloatArray,
+    slope: FloatArray,
+    log_c: FloatArray,
+    shift: FloatArray,
+    scale: _Scale,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """One step of log k and log c, at most 1 long, and the standard error of log c."""
+    residual = obs.y - log_k[obs.image]
+    weight = tukey(residual / obs.total_std) / obs.variance
+    image, tau = obs.of_groups()
+    shrink = tau**2 / (1 + tau**2 * sum_by(obs.group, weight))
+
+    def product(a: FloatArray, b: FloatArray) -> FloatArray:
+        """Weighted product with the labels' offsets integrated out."""
+        mates = sum_by(obs.group, weight * a) * sum_by(obs.group, weight * b)
+        return sum_by(obs.image, weight * a * b) - sum_by(image, shrink * mates)
+
+    one = np.ones_like(residual)
+    # residual = y(log c) - log k falls with log k and rises with log c
+    kk, kc, cc = product(one, one), -product(one, slope), product(slope, slope)
+    gradient_k, gradient_c = product(one, residual), -product(slope, residual)
+    c = scale.spread * np.exp(log_c)
+    cc = cc + (c / scale.width) ** 2
+    gradient_c = gradient_c - shift * c / scale.width**2
+    kk = np.maximum(kk, _TINY)
+    information = np.maximum(cc - kc**2 / kk, _TINY)
+    step_c = np.clip((gradient_c - kc / kk * gradient_k) / information, -1.0, 1.0)
+    step_k = (gradient_k - kc * step_c) / kk
+    return step_k, step_c, 1 / np.sqrt(information)

@@ -11,13 +11,15 @@ from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.detection import Detection
 from imgscale.estimate import SizeEstimate
 from imgscale.flags import Flag, flags_where
-from imgscale.mixture import MEDIAN, half_width
+from imgscale.mixture import MEDIAN, SCORES, half_width
 from imgscale.model import ScaleModel
 from imgscale.observations import Observations
-from imgscale.predictive import fused, measured, measured_again, prior_alone
+from imgscale.predictive import measured, measured_again, with_priors
 from imgscale.solving import Cases, Problem
 from imgscale.witnesses import Sized
 
+# Beyond the horizon is told where the 95 % interval reaches it.
+_TWO_STD = int(np.searchsorted(SCORES, 2.0))
 # How many times as near or far as the references' range a shift is not trusted.
 _FAR_OFF = 2.0
 
@@ -139,12 +141,11 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
     with np.errstate(invalid="ignore", divide="ignore"):
         log_scale = wanted.log_k - np.log(np.where(inverse > 0, inverse, np.nan))
     log_size = log_scale + subjects.log_pixels
-    is_normal = mixture.weight.shape[1] == 1
+    one_kind = subjects.prior.share.shape[1] == 1 or not wanted.fuse.any()
+    is_normal = mixture.weight.shape[1] == 1 and one_kind
     rows = np.flatnonzero(wanted.fuse)
     if rows.size:
-        with_prior = fused(cases, subjects.rows(rows), wanted.own[rows])
-        is_normal = is_normal and with_prior.weight.shape[1] == 1
-        quantiles[rows] = _no_wider(with_prior.quantiles(), subjects.rows(rows))
+        quantiles[rows] = with_priors(cases, subjects.rows(rows), wanted.own[rows])
         log_size[rows] = quantiles[rows, MEDIAN]
     size_m = np.exp(log_size)
     unknown = np.isnan(size_m)[:, None]
@@ -155,13 +156,6 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
         metres_per_pixel=np.exp(log_scale),
         is_normal=is_normal,
     )
-
-
-def _no_wider(quantiles: FloatArray, subjects: Sized) -> FloatArray:
-    """Fall back to the prior alone where a measurement contradicts it so much that it widens it."""
-    alone = prior_alone(subjects).quantiles()
-    wider = half_width(quantiles) > half_width(alone)
-    return np.where(wider[:, None], alone, quantiles)
 
 
 def row_flags(
@@ -198,7 +192,7 @@ def row_flags(
     if problem.has_shift:
         columns[Flag.EXTRAPOLATED] = _extrapolated(wanted, problem)
         columns[Flag.BEYOND_HORIZON] = ~np.isnan(obs.depth) & (
-            np.isnan(sizes.metres_per_pixel) | np.isposinf(sizes.quantiles_m).any(axis=1)
+            np.isnan(sizes.metres_per_pixel) | np.isposinf(sizes.quantiles_m[:, _TWO_STD])
         )
     return [
         shared | flags_where({flag: bool(column[row]) for flag, column in columns.items()})

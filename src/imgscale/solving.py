@@ -15,8 +15,8 @@ from imgscale._typing import BoolArray, FloatArray
 from imgscale.estimator import disagree, fit_robust
 from imgscale.evidence import robust_evidence
 from imgscale.posterior import GridFit, believe, fit_grid, log_evidence
-from imgscale.segments import LogFit, LogObservations, normalised
-from imgscale.shift import nearest_inverse_depth, shift_cases
+from imgscale.segments import MIN_VARIANCE, LogFit, LogObservations, normalised
+from imgscale.shift import shift_cases
 from imgscale.witnesses import (
     Nuisance,
     Sized,
@@ -72,6 +72,8 @@ class Cases(NamedTuple):
         Probability that each reference is sound and of the kind j of its label.
     log_weight : (K, n_images) ndarray of float64
         Log of prior times evidence.
+    shift : (n_images,) ndarray of float64
+        The best shift, 0 where there is none.
     """
 
     witnesses: Sized
@@ -81,6 +83,7 @@ class Cases(NamedTuple):
     grid: GridFit | None
     kinds: FloatArray
     log_weight: FloatArray
+    shift: FloatArray
 
     @property
     def weight(self) -> FloatArray:
@@ -101,7 +104,7 @@ class Estimate(NamedTuple):
     correlation : (n_images,) ndarray of float64
         Correlation of log k and shift.
     depth_rel : (n_images,) ndarray of float64
-        Noise of the depths beyond what was told.
+        Noise of the depths beyond what was told, where that is not known.
     inconsistent : (n_images,) ndarray of bool
         True where the references disagree by much more than their errors.
     trust, precision, share : (N,) ndarray of float64
@@ -137,12 +140,12 @@ def solve(problem: Problem) -> Cases:
         The solutions.
     """
     nuisance = noise_cases(problem.n_images, unknown_noise=problem.unknown_noise)
-    if problem.has_shift:
-        shifts = shift_cases(
-            problem.witnesses, problem.n_images, unknown_noise=problem.unknown_noise
-        )
-        nuisance = crossed(nuisance, shifts)
-    return _solve_cases(problem, nuisance)
+    if not problem.has_shift:
+        return _solve_cases(problem, nuisance)
+    best, shifts = shift_cases(
+        problem.witnesses, problem.n_images, unknown_noise=problem.unknown_noise
+    )
+    return _solve_cases(problem, crossed(nuisance, shifts))._replace(shift=best)
 
 
 def closed_form_cases(witnesses: Sized, nuisance: Nuisance, fit: LogFit) -> Cases:
@@ -172,6 +175,7 @@ def closed_form_cases(witnesses: Sized, nuisance: Nuisance, fit: LogFit) -> Case
         grid=None,
         kinds=kinds[None],
         log_weight=np.zeros((1, 1)),
+        shift=np.zeros(1),
     )
 
 
@@ -192,7 +196,7 @@ def estimate(problem: Problem, cases: Cases) -> Estimate:
         The numbers to report.
     """
     weight, nuisance = cases.weight, cases.nuisance
-    middle = _shift_estimate(cases) if problem.has_shift else nuisance.shift[0]
+    middle = cases.shift
     shift_var = (weight * (nuisance.shift - middle) ** 2).sum(axis=0)
     log_k = cases.fit.log_k.reshape(weight.shape)
     log_k_var = cases.fit.log_std.reshape(weight.shape) ** 2
@@ -200,8 +204,7 @@ def estimate(problem: Problem, cases: Cases) -> Estimate:
     log_k_var = (weight * (log_k_var + (log_k - centre) ** 2)).sum(axis=0)
     covariance = (weight * (log_k - centre) * (nuisance.shift - middle)).sum(axis=0)
     spread = np.sqrt(log_k_var * shift_var)
-    with np.errstate(divide="ignore"):
-        log_noise = np.log(nuisance.depth_var)[:, None]
+    log_noise = np.log(np.maximum(nuisance.depth_var, MIN_VARIANCE))[:, None]
     at_shift = cases
     if problem.has_shift:
         noise = noise_cases(problem.n_images, unknown_noise=problem.unknown_noise)
@@ -249,12 +252,5 @@ def _solve_cases(problem: Problem, nuisance: Nuisance) -> Cases:
         grid=grid,
         kinds=kinds.reshape(nuisance.depth_var.size, -1, kinds.shape[1]),
         log_weight=nuisance.log_prior + evidence.reshape(nuisance.log_prior.shape),
+        shift=np.zeros(problem.n_images),
     )
-
-
-def _shift_estimate(cases: Cases) -> FloatArray:
-    """Mean of the shift in log(min(D) + b), in which its posterior is nearly normal."""
-    nearest = nearest_inverse_depth(cases.witnesses, cases.log_weight.shape[1])
-    log_c = (cases.weight * np.log(cases.nuisance.shift + nearest)).sum(axis=0)
-    shift: FloatArray = np.exp(log_c) - nearest
-    return shift

@@ -1,0 +1,556 @@
+"""The posterior on a grid against brute-force quadrature of the model as it is written down."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import interpolate, optimize, special
+
+from imgscale.posterior import believe, fit_grid, log_evidence, view_on_grid
+from imgscale.predictive import scale_of
+from imgscale.segments import LogObservations, Parts, Subjects
+from imgscale.solving import Problem, solve
+from imgscale.witnesses import Sized
+
+ONE_SIGMA = (0.15865525393145707, 0.8413447460685429)
+
+
+# --- the model, written a second time ----------------------------------------------------------
+
+
+def normal(residual, variance):
+    return np.exp(-0.5 * residual**2 / variance) / np.sqrt(2 * math.pi * variance)
+
+
+def laplace(residual, variance):
+    scale = np.sqrt(variance / 2)
+    return np.exp(-np.abs(residual) / scale) / (2 * scale)
+
+
+def likelihoods(obs, row, v):
+    """Likelihood of one reference as a function of v = log k + u: of each kind, and if wrong."""
+    part = obs.kinds
+    share = part.share[row] * (1.0 if obs.firm[row] else 0.95)
+    kinds = [
+        share[j] * normal(part.mean[row, j] - v, part.variance[row, j]) for j in range(share.size)
+    ]
+    residual, variance = obs.y[row] - v, obs.variance[row]
+    wrong = 0.02 * laplace(residual, variance + 0.5**2)
+    wrong = wrong + 0.03 * normal(residual - 0.4, variance + 0.25**2)
+    return np.array(kinds), np.zeros_like(v) if obs.firm[row] else wrong
+
+
+class Quadrature:
+    """Sums over dense grids of log k and of every label's offset, for one image."""
+
+    def __init__(self, obs, rows=None, x=None):
+        rows = range(obs.y.size) if rows is None else rows
+        used = obs.kinds.share > 0
+        finest = math.sqrt(obs.kinds.variance[used].min() / obs.y.size)
+        means = obs.kinds.mean[used]
+        low, high = means.min() - 4, means.max() + 4
+        if obs.firm.any():  # nothing is possible elsewhere
+            std = math.sqrt(obs.variance[obs.firm].min())
+            middle = obs.y[obs.firm].mean()
+            low, high = max(low, middle - 12 * std), min(high, middle + 12 * std)
+        # sums over smooth functions need few points, quantiles and the eye more
+        self.x = np.linspace(low, high, math.ceil((high - low) / (finest / 6)) + 1)
+        self.x = self.x if x is None else x
+        self.dx = self.x[1] - self.x[0]
+        self.u, self.prior, self.joint, self.terms = {}, {}, {}, {}
+        for group in np.unique(obs.group):
+            tau = obs.tau[obs.group == group][0]
+            count = 1 if tau == 0 else max(61, math.ceil(14 * tau / (finest / 3)))
+            u = np.linspace(-7 * tau, 7 * tau, count)
+            prior = np.exp(-0.5 * (u / max(tau, 1e-300)) ** 2)
+            self.u[group], self.prior[group] = u, prior / prior.sum()
+            v = self.x[:, None] + u
+            joint = np.broadcast_to(self.prior[group], v.shape)
+            for row in np.flatnonzero(obs.group == group):
+                kinds, wrong = likelihoods(obs, row, v)
+                self.terms[row] = kinds / np.maximum(kinds.sum(axis=0) + wrong, 1e-300)
+                if row in rows:
+                    joint = joint * (kinds.sum(axis=0) + wrong)
+            self.joint[group] = joint
+        self.group = obs.group
+        self.density = np.prod([joint.sum(axis=1) for joint in self.joint.values()], axis=0)
+        self.evidence = self.density.sum() * self.dx
+
+    def mean(self, group, function):
+        """Expectation of a function of log k and of the offset of one label."""
+        others = [j.sum(axis=1) for g, j in self.joint.items() if g != group]
+        weight = self.joint[group] * np.prod(others, axis=0)[..., None]
+        return (weight * function).sum() / weight.sum()
+
+    def moments(self, group):
+        """Means, variances and covariance of log k and of the offset of one label."""
+        x, u = self.x[:, None], self.u[group]
+        mean_x, mean_u = self.mean(group, x + 0 * u), self.mean(group, 0 * x + u)
+        return np.array([
+            mean_x,
+            self.mean(group, (x - mean_x) ** 2 + 0 * u),
+            mean_u,
+            self.mean(group, (u - mean_u) ** 2 + 0 * x),
+            self.mean(group, (x - mean_x) * (u - mean_u)),
+        ])  # fmt: skip
+
+    def kinds(self, row):
+        """Probability that a reference is sound and of each kind."""
+        return np.array([self.mean(self.group[row], term) for term in self.terms[row]])
+
+    @property
+    def log_k(self):
+        return (self.density * self.x).sum() / self.density.sum()
+
+    @property
+    def std(self):
+        squares = self.density * (self.x - self.log_k) ** 2
+        return math.sqrt(squares.sum() / self.density.sum())
+
+    def below(self, value):
+        """Probability that log k is less than a value."""
+        below = interpolate.CubicSpline(self.x, self.density).antiderivative()
+        return float(below(value) / below(self.x[-1]))
+
+    def quantile(self, probability):
+        below = interpolate.CubicSpline(self.x, self.density).antiderivative()
+        total = float(below(self.x[-1]))
+        return optimize.brentq(lambda x: below(x) / total - probability, self.x[0], self.x[-1])
+
+    @property
+    def half_width(self):
+        low, high = (self.quantile(probability) for probability in ONE_SIGMA)
+        return (high - low) / 2
+
+
+# --- cases -------------------------------------------------------------------------------------
+
+
+def observations(parts, tau, group, *, image=None, firm=None):
+    """Columns from lists of kinds (share, mean, std), one list for each reference."""
+    width = max(len(kinds) for kinds in parts)
+    columns = np.zeros((3, len(parts), width))
+    y, variance = np.zeros(len(parts)), np.zeros(len(parts))
+    for row, kinds in enumerate(parts):
+        share, mean, std = np.array(kinds, dtype=np.float64).T
+        columns[:, row, : len(kinds)] = share, mean, std**2
+        y[row] = share @ mean
+        variance[row] = share @ (std**2 + (mean - y[row]) ** 2)
+    columns[1:, columns[0] == 0] = np.array([[7.0], [1e-3]])  # fills, that must not be looked at
+    n = len(parts)
+    return LogObservations(
+        y=y,
+        variance=variance,
+        tau=np.asarray(tau, dtype=np.float64)[np.asarray(group)],
+        image=np.zeros(n, dtype=np.intp) if image is None else np.asarray(image, dtype=np.intp),
+        group=np.asarray(group, dtype=np.intp),
+        firm=np.zeros(n, dtype=np.bool_) if firm is None else np.asarray(firm, dtype=np.bool_),
+        mixture=Parts(*columns),
+    )
+
+
+def random_image(seed, labels, n_kinds, tau, outlier):
+    """References about log k = -6; the last one is off by 0.8 where there is an outlier."""
+    rng = np.random.default_rng(seed)
+    group = np.repeat(np.arange(len(labels)), labels)
+    taus = np.full(len(labels), tau) * rng.uniform(0.7, 1.4, len(labels))
+    offset = rng.normal(size=len(labels)) * taus
+    parts = []
+    for row in range(group.size):
+        shares = rng.dirichlet(np.full(n_kinds, 4.0))
+        places = np.array([0.0, -0.35, 0.2])[:n_kinds]
+        places = places - places[rng.choice(n_kinds, p=shares)]
+        std = rng.uniform(0.04, 0.2)
+        seen = -6 + offset[group[row]] + std * rng.normal() + places
+        if outlier and row == group.size - 1:
+            seen = seen + 0.8
+        parts.append([(s, m, std) for s, m in zip(shares, seen, strict=True)])
+    return observations(parts, taus, group)
+
+
+CASES = {
+    f"{'+'.join(map(str, labels))} of {kinds} kinds, tau {tau}{', an outlier' * outlier}": (
+        labels,
+        kinds,
+        tau,
+        outlier,
+    )
+    for labels, kinds, tau, outlier in [
+        ((1,), 1, 0.0, False),
+        ((1,), 3, 0.05, False),
+        ((2,), 1, 0.03, False),
+        ((1, 1), 1, 0.002, False),
+        ((1, 1), 2, 0.3, False),
+        ((2, 1), 1, 0.05, True),
+        ((2, 1), 3, 0.05, False),
+        ((1, 2), 2, 0.0, True),
+        ((2, 2), 1, 0.0, False),
+        ((2, 2), 2, 0.002, True),
+        ((3, 1), 1, 0.3, True),
+        ((3, 1), 3, 0.1, False),
+        ((4,), 1, 0.02, True),
+        ((4,), 2, 0.1, False),
+    ]
+}
+
+
+def named_cases():
+    cases = {
+        name: random_image(seed, *options) for seed, (name, options) in enumerate(CASES.items())
+    }
+    conflict = [[(1, -6.0, 0.05)], [(1, -5.2, 0.07)]]
+    cases["two that conflict"] = observations(conflict, [0.02, 0.04], [0, 1])
+    cases["two of one label that conflict"] = observations(conflict, [0.04], [0, 0])
+    camera = [[(1, -6.0, 0.1)], [(0.7, -5.9, 0.1), (0.3, -6.3, 0.08)], [(1, -6.05, 0.05)]]
+    cases["a camera and two"] = observations(
+        camera, [0.03, 0.0], [0, 0, 1], firm=[False, False, True]
+    )
+    far = [[(1, -6.0, 0.1)], [(1, -5.0, 0.1)], [(1, -5.5, 0.15)]]
+    cases["a camera far from both"] = observations(
+        far, [0.05, 0.05, 0.0], [0, 1, 2], firm=[False, False, True]
+    )
+    cases["a camera alone"] = observations([[(1, -7.0, 0.03)]], [0.0], [0], firm=[True])
+    return cases
+
+
+IMAGES = named_cases()
+
+
+@pytest.fixture(scope="module", params=IMAGES.values(), ids=IMAGES.keys())
+def image(request):
+    obs = request.param
+    return obs, fit_grid(obs), Quadrature(obs)
+
+
+def grid_weight(grid, row=0):
+    weight = np.exp(grid.log_density[row] - grid.log_density[row].max())
+    return weight / weight.sum()
+
+
+def subjects(group, tau, own):
+    """Rows of image 0."""
+    group, own = np.atleast_1d(group), np.atleast_1d(own)
+    tau = np.broadcast_to(np.asarray(tau, dtype=np.float64), group.shape)
+    return Subjects(np.zeros(group.size, dtype=np.intp), group, tau, own)
+
+
+def view_moments(view, row=0):
+    """Means, variances and covariance of log k and u of one row's mixture."""
+    columns = [column[row] for column in view]
+    weight = np.exp(columns[0] - columns[0].max())
+    weight /= weight.sum()
+    x, u = weight @ columns[1], weight @ columns[3]
+    return np.array([
+        x,
+        weight @ (columns[2] + (columns[1] - x) ** 2),
+        u,
+        weight @ (columns[4] + (columns[3] - u) ** 2),
+        weight @ (columns[5] + (columns[1] - x) * (columns[3] - u)),
+    ])  # fmt: skip
+
+
+def assert_moments_agree(found, expected, tolerance=5e-3):
+    """Means to a fraction of the standard deviations, the covariance matrix likewise."""
+    std_x = math.sqrt(expected[1])
+    # an offset that is much less than the error of log k need be known no better than that
+    std_u = max(math.sqrt(expected[3]), 0.3 * std_x)
+    units = np.array([std_x, std_x**2, std_u, std_u**2, std_x * std_u])
+    np.testing.assert_allclose((found - expected) / units, 0, atol=tolerance)
+
+
+def as_witnesses(obs):
+    """The same references as `imgscale.solving` takes them, with d p = 1."""
+    n = obs.y.size
+    return Sized(
+        inverse_depth=np.ones(n),
+        log_pixels=np.zeros(n),
+        noise_var=np.zeros(n),
+        prior=obs.kinds,
+        prior_log=obs.y,
+        prior_var=obs.variance,
+        tau=obs.tau,
+        image=obs.image,
+        group=obs.group,
+        told=np.ones(n, dtype=np.bool_),
+        firm=obs.firm,
+    )
+
+
+def scale_quantiles(obs):
+    problem = Problem(as_witnesses(obs), obs.n_images, False, False, True)  # noqa: FBT003
+    return scale_of(solve(problem)).quantiles()
+
+
+# --- density and its summaries -----------------------------------------------------------------
+
+
+def test_the_density_of_log_k_is_that_of_the_written_model(image):
+    obs, grid, truth = image
+    expected = Quadrature(obs, x=grid.points[0]).density / truth.evidence
+    found = grid_weight(grid) / grid.step[0]
+    np.testing.assert_allclose(found / expected.max(), expected / expected.max(), atol=2e-3)
+
+
+def test_the_evidence_is_the_integral_of_the_written_model(image):
+    obs, grid, truth = image
+    # the library leaves the factor 1 / sqrt(2 pi) of every reference out
+    found = log_evidence(grid)[0] - obs.y.size * math.log(2 * math.pi) / 2
+    assert found == pytest.approx(math.log(truth.evidence), abs=1e-3)
+
+
+def test_mean_and_standard_deviation_of_log_k_are_those_of_the_written_model(image):
+    obs, grid, truth = image
+    weight = grid_weight(grid)
+    mean = weight @ grid.points[0]
+    std = math.sqrt(weight @ (grid.points[0] - mean) ** 2)
+    assert (mean - truth.log_k) / truth.std == pytest.approx(0, abs=1e-3)
+    assert std == pytest.approx(truth.std, rel=2e-3)
+    assert believe(obs, grid)[0].log_std[0] == pytest.approx(truth.std, rel=2e-3)
+
+
+def test_the_reported_quantiles_of_log_k_are_those_of_the_written_model(image):
+    obs, _, truth = image
+    found = scale_quantiles(obs)[0]
+    # compared as probabilities: between two modes a quantile hangs on next to nothing
+    for place, score in ((10, -1), (14, 0), (18, 1)):
+        assert truth.below(found[place]) == pytest.approx(special.ndtr(score), abs=3e-3)
+
+
+def test_the_probability_of_every_kind_is_that_of_the_written_model(image):
+    obs, grid, truth = image
+    summary, kinds = believe(obs, grid)
+    expected = np.array([truth.kinds(row) for row in range(obs.y.size)])
+    np.testing.assert_allclose(kinds, expected, atol=1e-3)
+    np.testing.assert_allclose(summary.trust, expected.sum(axis=1), atol=1e-3)
+
+
+def test_a_new_object_of_a_known_label_sees_log_k_and_offset_as_the_written_model(image):
+    obs, grid, truth = image
+    groups = np.unique(obs.group)
+    tau = obs.of_groups()[1][groups]
+    view = view_on_grid(grid, subjects(groups, tau, np.full(groups.size, -1)))
+    for row, group in enumerate(groups):
+        assert_moments_agree(view_moments(view, row), truth.moments(group))
+        total = np.exp(view.log_weight[row] - log_evidence(grid)[0]).sum()
+        assert total == pytest.approx(1, abs=1e-3)  # the weights hold the evidence
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.03, 0.1])
+def test_a_new_label_sees_log_k_with_an_offset_of_its_own(image, tau):
+    _, grid, truth = image
+    view = view_on_grid(grid, subjects(-1, tau, -1))
+    expected = np.array([truth.log_k, truth.std**2, 0.0, tau**2, 0.0])
+    assert_moments_agree(view_moments(view), expected)
+
+
+def test_a_reference_is_seen_from_all_others(image):
+    obs, grid, _ = image
+    if obs.y.size == 1:
+        pytest.skip("there is no other")
+    for row in range(obs.y.size):
+        rest = Quadrature(obs, rows=[other for other in range(obs.y.size) if other != row])
+        if obs.firm.any() and obs.firm[row]:
+            continue  # the grid was placed by the camera
+        view = view_on_grid(grid, subjects(obs.group[row], obs.tau[row], row))
+        # the grid was laid for all: where one alone is left it may cut its farthest tail off
+        assert_moments_agree(view_moments(view), rest.moments(obs.group[row]), tolerance=0.1)
+
+
+# --- laws --------------------------------------------------------------------------------------
+
+
+def joined(*images):
+    """Several images as segments of one array."""
+    width = max(obs.kinds.share.shape[1] for obs in images)
+    columns, image, group = [], [], []
+    for number, obs in enumerate(images):
+        fill = [(0, 0), (0, width - obs.kinds.share.shape[1])]
+        columns.append([
+            np.pad(column, fill, constant_values=value)
+            for column, value in zip(obs.kinds, (0.0, 0.0, 1.0), strict=True)
+        ])  # fmt: skip
+        image.append(np.full(obs.y.size, number))
+        group.append(obs.group + (0 if not group else group[-1].max() + 1))
+    return LogObservations(
+        *(np.concatenate([getattr(o, name) for o in images]) for name in ("y", "variance", "tau")),
+        np.concatenate(image),
+        np.concatenate(group),
+        np.concatenate([obs.firm for obs in images]),
+        Parts(*(np.concatenate(column) for column in zip(*columns, strict=True))),
+    )
+
+
+def test_many_images_at_once_equal_each_alone():
+    alone = [believe(obs, fit_grid(obs)) for obs in IMAGES.values()]
+    together = joined(*IMAGES.values())
+    grid = fit_grid(together)
+    summary, kinds = believe(together, grid)
+    evidence = [log_evidence(fit_grid(obs))[0] for obs in IMAGES.values()]
+    np.testing.assert_allclose(log_evidence(grid), evidence, atol=1e-3)
+    # the grids differ, so each agrees within its quadrature
+    std = np.array([one.log_std[0] for one, _ in alone])
+    log_k = np.array([one.log_k[0] for one, _ in alone])
+    np.testing.assert_allclose((summary.log_k - log_k) / std, 0, atol=1e-3)
+    np.testing.assert_allclose(summary.log_std, std, rtol=2e-3)
+    trust = np.concatenate([one.trust for one, _ in alone])
+    np.testing.assert_allclose(summary.trust, trust, atol=1e-3)
+    np.testing.assert_allclose(kinds.sum(axis=1), trust, atol=1e-3)
+
+
+def test_a_new_label_beside_another_image_sees_its_own_image_alone():
+    first, second = IMAGES["two that conflict"], IMAGES["3+1 of 1 kinds, tau 0.3, an outlier"]
+    both = fit_grid(joined(first, second))
+    where = Subjects(np.array([1, 0]), np.array([-1, -1]), np.array([0.0, 0.05]), np.full(2, -1))
+    view = view_on_grid(both, where)
+    truth = Quadrature(second)
+    expected = np.array([truth.log_k, truth.std**2, 0.0, 0.0, 0.0])
+    assert_moments_agree(view_moments(view, 0), expected)
+    truth = Quadrature(first)
+    expected = np.array([truth.log_k, truth.std**2, 0.0, 0.05**2, 0.0])
+    assert_moments_agree(view_moments(view, 1), expected)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_the_references_does_not_matter(seed):
+    together = joined(*IMAGES.values())
+    order = np.random.default_rng(seed).permutation(together.y.size)
+    shuffled = LogObservations(
+        *(column[order] for column in together[:-1]),
+        Parts(*(column[order] for column in together.mixture)),
+    )
+    summary, kinds = believe(together, fit_grid(together))
+    again, kinds_again = believe(shuffled, fit_grid(shuffled))
+    np.testing.assert_allclose(again.log_k, summary.log_k, rtol=1e-12)
+    np.testing.assert_allclose(again.log_std, summary.log_std, rtol=1e-9)
+    np.testing.assert_allclose(again.share, summary.share[order], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(kinds_again, kinds[order], rtol=1e-9, atol=1e-15)
+
+
+def test_a_common_factor_of_all_sizes_moves_log_k_and_nothing_else():
+    obs = IMAGES["3+1 of 3 kinds, tau 0.1"]
+    moved = obs._replace(y=obs.y + 13, mixture=obs.mixture._replace(mean=obs.mixture.mean + 13))
+    summary, kinds = believe(obs, fit_grid(obs))
+    again, kinds_again = believe(moved, fit_grid(moved))
+    assert again.log_k[0] == pytest.approx(summary.log_k[0] + 13, abs=1e-9)
+    assert again.log_std[0] == pytest.approx(summary.log_std[0], rel=1e-9)
+    np.testing.assert_allclose(kinds_again, kinds, atol=1e-9)
+
+
+def test_references_that_conflict_leave_two_modes():
+    obs = IMAGES["two that conflict"]
+    grid = fit_grid(obs)
+    weight = grid_weight(grid)
+    truth = Quadrature(obs)
+    for low, high in [(-7, -5.6), (-5.6, -4)]:
+        inside = (grid.points[0] >= low) & (grid.points[0] < high)
+        expected = truth.density[(truth.x >= low) & (truth.x < high)].sum() / truth.density.sum()
+        assert expected > 0.1
+        assert weight[inside].sum() == pytest.approx(expected, abs=5e-3)
+
+
+def test_a_single_sound_reference_gives_its_gaussian_and_the_outliers_tails():
+    std, tau = 0.05, 0.03
+    obs = observations([[(1, -6.0, std)]], [tau], [0])
+    grid = fit_grid(obs)
+    x = grid.points[0]
+    residual, shared = -6 - x, std**2 + tau**2
+    expected = 0.95 * normal(residual, shared) + 0.03 * normal(residual - 0.4, shared + 0.0625)
+    # closed form: the offset widens every part; that of a Laplace density is known by erfc
+    scale = math.sqrt((std**2 + 0.25) / 2)
+    for sign in (-1, 1):
+        expected += (
+            0.02
+            / (4 * scale)
+            * np.exp(tau**2 / (2 * scale**2) + sign * residual / scale)
+            * special.erfc((tau / scale + sign * residual / tau) / math.sqrt(2))
+        )
+    np.testing.assert_allclose(
+        np.exp(grid.log_density[0]) / math.sqrt(2 * math.pi), expected, atol=2e-3 * expected.max()
+    )
+
+
+def test_without_outliers_the_camera_and_references_multiply_as_gaussians():
+    # all firm: no mixture, so precisions add
+    obs = observations(
+        [[(1, -6.0, 0.1)], [(1, -5.9, 0.2)], [(1, -6.1, 0.05)]],
+        [0.0, 0.0, 0.0],
+        [0, 1, 2],
+        firm=[True] * 3,
+    )
+    precision = np.array([0.1, 0.2, 0.05]) ** -2.0
+    mean = precision @ obs.y / precision.sum()
+    summary, kinds = believe(obs, fit_grid(obs))
+    assert summary.log_k[0] == pytest.approx(mean, abs=1e-9)
+    assert summary.log_std[0] == pytest.approx(precision.sum() ** -0.5, rel=1e-6)
+    np.testing.assert_allclose(kinds[:, 0], 1, atol=1e-12)
+    np.testing.assert_allclose(summary.share, precision / precision.sum(), rtol=1e-9)
+
+
+def test_sixty_references_are_as_exact_as_three():
+    rng = np.random.default_rng(60)
+    labels = np.arange(60) % 2
+    std = rng.uniform(0.05, 0.15, 60)
+    y = -6 + np.array([0.02, -0.03])[labels] + std * rng.normal(size=60)
+    y[:5] += 0.5
+    obs = observations([[(1, m, s)] for m, s in zip(y, std, strict=True)], [0.04, 0.03], labels)
+    grid, truth = fit_grid(obs), Quadrature(obs, x=np.linspace(-6.4, -5.6, 801))
+    summary, kinds = believe(obs, grid)
+    assert log_evidence(grid)[0] - 30 * math.log(2 * math.pi) == pytest.approx(
+        math.log(truth.evidence), abs=2e-3
+    )
+    assert summary.log_std[0] == pytest.approx(truth.std, rel=2e-3)
+    assert scale_quantiles(obs)[0, 14] == pytest.approx(truth.quantile(0.5), abs=2e-3 * truth.std)
+    expected = [truth.kinds(row)[0] for row in range(60)]
+    np.testing.assert_allclose(kinds[:, 0], expected, atol=2e-3)
+
+
+# --- precise references ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("std", [1e-3, 1e-6])
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_exact_data_give_the_exact_log_k_at_any_precision(count, std):
+    obs = observations([[(1, -6.25, std)]] * count, [0.0], [0] * count)
+    summary, _ = believe(obs, fit_grid(obs))
+    assert summary.log_k[0] == pytest.approx(-6.25, abs=1e-12)
+    assert scale_quantiles(obs)[0, 14] == pytest.approx(-6.25, abs=1e-3)
+    # never claims more than it was told
+    assert summary.log_std[0] >= std / math.sqrt(count) * 0.999
+
+
+@pytest.mark.parametrize("std", [0.02, 0.01, 0.005, 0.003])
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_precise_references_that_agree_keep_their_precision(count, std):
+    obs = observations([[(1, -6.25, std)]] * count, [0.0], [0] * count)
+    found = scale_quantiles(obs)[0]
+    expected = Quadrature(obs).half_width
+    assert (found[18] - found[10]) / 2 == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("gap", [1.0, 5.0, 30.0])
+@pytest.mark.parametrize("std", [1e-2, 1e-4, 1e-6])
+def test_a_grid_that_hits_its_limit_stays_proper(gap, std):
+    obs = observations(
+        [[(1, -6.0, std)], [(1, -6.0 + gap, std)], [(1, -6.0 + gap, std)]],
+        [0.01, 0.01],
+        [0, 1, 1],
+    )
+    grid = fit_grid(obs)
+    summary, kinds = believe(obs, grid)
+    for column in (*grid, *summary, kinds, log_evidence(grid), *scale_quantiles(obs)):
+        assert np.isfinite(column).all()
+    assert grid.points.shape[1] <= 4096
+    assert grid_weight(grid).sum() == pytest.approx(1)
+    assert ((kinds >= 0) & (kinds <= 1 + 1e-9)).all()
+    # two against one of another label
+    assert -6 - 0.1 < summary.log_k[0] < -6 + gap + 0.1
+    assert (np.diff(scale_quantiles(obs)[0]) >= 0).all()
+
+
+def test_the_grid_is_shared_by_images_of_very_different_precision():
+    precise = observations([[(1, -6.0, 0.01)]] * 3, [0.005], [0, 0, 0])
+    vague = observations([[(1, -3.0, 0.4)], [(1, -2.6, 0.5)]], [0.1, 0.1], [0, 1])
+    both = joined(precise, vague)
+    summary, _ = believe(both, fit_grid(both))
+    for row, obs in enumerate((precise, vague)):
+        assert summary.log_std[row] == pytest.approx(Quadrature(obs).std, rel=5e-3)
