@@ -16,8 +16,8 @@ MEDIAN = SCORES.size // 2
 # The distribution is first evaluated at so many places, then closer where the mass is.
 _ABSCISSAE = 49
 _REACH = 4.5
-# Components of less weight are left out, all together less than mass that is worth telling.
-_NEGLIGIBLE = 1e-8
+# The lightest components are left out, all together less than this.
+_NEGLIGIBLE = 3e-6
 _MISSING = 1e-3
 _SAFE = 1e-12
 
@@ -76,7 +76,9 @@ def _quantiles(weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Fl
     """Invert the cumulative distribution in standard scores, in which it is nearly straight."""
     from scipy import special  # noqa: PLC0415 - tens of milliseconds of import
 
-    heavy = weight > _NEGLIGIBLE
+    missing = 1 - float(weight.sum())
+    order = np.argsort(weight)
+    heavy = order[np.searchsorted(np.cumsum(weight[order]), _NEGLIGIBLE) :]
     weight, mean, std = weight[heavy], mean[heavy], np.sqrt(variance[heavy])
     if not mean.size or np.isnan(mean).any():
         return np.full(SCORES.size, np.nan)
@@ -101,7 +103,6 @@ def _quantiles(weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Fl
         rising = np.concatenate([[True], np.diff(scores) > _SAFE])
         at = np.interp(targets, scores[rising], known[rising])
     found = at
-    missing = 1 - float(weight.sum())
     if missing > _MISSING:
         found = np.where(special.ndtr(SCORES) > 1 - missing, np.inf, found)
     return found

@@ -131,7 +131,7 @@ def predict(
         obs,
         sizes,
         row_flags(obs, wanted, sizes, problem, shared_flags),
-        distances(model, obs.depth, sizes.metres_per_pixel, other_map=other_map),
+        distances(model, obs.depth, sizes, wanted.log_k, other_map=other_map),
     )
 
 

@@ -20,10 +20,13 @@ from imgscale.witnesses import Nuisance, Sized, middle_case, observe_under
 
 # Where c may lie, in units of the spread of D; farther where the prior of b is wider.
 _NEAREST, _FARTHEST = 1e-3, 1e2
-_STARTS, _COARSE, _FINE = 25, 13, 17
+_STARTS, _COARSE, _FINE = 25, 25, 17
 _FINE_REACH = 5.0
 # The noise of the first steps, which takes up how far the start is off; it shrinks by 5 a step.
 _FIRST_NOISE, _COOLING, _STEPS = 0.3, 0.2, 30
+_CONVERGED = 1e-9
+# Cases less probable than the best one by this factor (its log) are left out.
+_NEGLIGIBLE = 12.0
 _TINY = 1e-300
 
 
@@ -47,7 +50,7 @@ def shift_cases(
     best : (n_images,) ndarray of float64
         The most probable shift, by robust weights.
     cases : Nuisance
-        30 cases of the shift, dense about the best one, without noise of the depths.
+        Cases of the shift, dense about the best one, without noise of the depths.
 
     Notes
     -----
@@ -64,7 +67,10 @@ def shift_cases(
     # the trapezoidal rule: each case stands for the stretch around it, db = c dlog(c)
     stretch = np.maximum(np.gradient(cases, axis=0), _TINY)
     log_prior = _log_prior(shift, scale) + cases + np.log(stretch)
-    return scale.shift(log_c), Nuisance(shift, np.zeros(len(cases)), log_prior)
+    log_weight = log_prior + _evidence(witnesses, shift, 0.0, unknown_noise=unknown_noise)
+    likely = (log_weight > log_weight.max(axis=0) - _NEGLIGIBLE).any(axis=1)
+    count = int(likely.sum())
+    return scale.shift(log_c), Nuisance(shift[likely], np.zeros(count), log_prior[likely])
 
 
 class _Scale(NamedTuple):
@@ -101,12 +107,20 @@ def _log_prior(shift: FloatArray, scale: _Scale) -> FloatArray:
 def _best(witnesses: Sized, scale: _Scale, starts: FloatArray) -> FloatArray:
     """Best of some values of log c, seen through the noise that their distance makes."""
     shift = scale.shift(starts)
-    obs = observe_under(witnesses, middle_case(shift, unknown_noise=False))
-    obs = obs._replace(variance=obs.variance + _FIRST_NOISE**2)
-    evidence = robust_evidence(obs, fit_robust(obs)).reshape(shift.shape)
+    evidence = _evidence(witnesses, shift, _FIRST_NOISE, unknown_noise=False)
     found = np.argmax(evidence + _log_prior(shift, scale), axis=0)
     best: FloatArray = starts[found, np.arange(found.size)]
     return best
+
+
+def _evidence(
+    witnesses: Sized, shift: FloatArray, noise: float, *, unknown_noise: bool
+) -> FloatArray:
+    """Evidence of shifts (K, n_images) by the robust solver, with some more noise."""
+    obs = observe_under(witnesses, middle_case(shift, unknown_noise=unknown_noise))
+    obs = obs._replace(variance=obs.variance + noise**2)
+    evidence: FloatArray = robust_evidence(obs, fit_robust(obs)).reshape(shift.shape)
+    return evidence
 
 
 def _newton(
@@ -130,6 +144,8 @@ def _newton(
         log_k = log_k + step_k
         log_c = np.clip(log_c + step_c, scale.low, scale.high)
         noise *= _COOLING
+        if noise < _CONVERGED and np.all(np.abs(step_c) < _CONVERGED):
+            break
     return log_c, std
 
 

@@ -14,6 +14,7 @@ from imgscale.flags import Flag, flags_where
 from imgscale.mixture import MEDIAN, SCORES, half_width
 from imgscale.model import ScaleModel
 from imgscale.observations import Observations
+from imgscale.posing import Setting
 from imgscale.predictive import measured, measured_again, with_priors
 from imgscale.solving import Cases, Problem
 from imgscale.witnesses import Sized
@@ -92,6 +93,25 @@ class Sizes(NamedTuple):
     metres_per_pixel: FloatArray
     is_normal: bool = True
 
+    @classmethod
+    def unknown(cls, count: int) -> Sizes:
+        """
+        Make a table in which nothing is known yet.
+
+        Parameters
+        ----------
+        count : int
+            Number of rows.
+
+        Returns
+        -------
+        Sizes
+            All NaN.
+        """
+        columns: list[Any] = [np.full(count, np.nan) for _ in range(3)]
+        size_m, std_m, metres_per_pixel = columns
+        return cls(size_m, std_m, np.full((count, SCORES.size), np.nan), metres_per_pixel)
+
     def updated(self, rows: IntArray, part: Sizes) -> Sizes:
         """
         Replace some rows.
@@ -131,22 +151,23 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
         One row each: without a prior the median is exactly k d p.
     """
     subjects = wanted.subjects
-    mixture = measured(cases, subjects)
-    quantiles = mixture.quantiles()
-    references = np.flatnonzero(wanted.share > 0)
-    if references.size:
-        again = subjects.rows(references), wanted.share[references], wanted.common_var[references]
-        quantiles[references] = measured_again(cases, *again).quantiles()
     inverse = subjects.inverse_depth + wanted.shift
     with np.errstate(invalid="ignore", divide="ignore"):
         log_scale = wanted.log_k - np.log(np.where(inverse > 0, inverse, np.nan))
     log_size = log_scale + subjects.log_pixels
-    one_kind = subjects.prior.share.shape[1] == 1 or not wanted.fuse.any()
-    is_normal = mixture.weight.shape[1] == 1 and one_kind
-    rows = np.flatnonzero(wanted.fuse)
-    if rows.size:
-        quantiles[rows] = with_priors(cases, subjects.rows(rows), wanted.own[rows])
-        log_size[rows] = quantiles[rows, MEDIAN]
+    quantiles = np.empty((log_size.size, SCORES.size))
+    by_prior, again = wanted.fuse, ~wanted.fuse & (wanted.share > 0)
+    plain = ~by_prior & ~again
+    if plain.any():
+        quantiles[plain] = measured(cases, subjects.rows(plain)).quantiles()
+    if again.any():
+        rows = subjects.rows(again), wanted.share[again], wanted.common_var[again]
+        quantiles[again] = measured_again(cases, *rows).quantiles()
+    if by_prior.any():
+        quantiles[by_prior] = with_priors(cases, subjects.rows(by_prior), wanted.own[by_prior])
+        log_size[by_prior] = quantiles[by_prior, MEDIAN]
+    one_kind = subjects.prior.share.shape[1] == 1 or not by_prior.any()
+    is_normal = cases.grid is None and len(cases.log_weight) == 1 and one_kind
     size_m = np.exp(log_size)
     unknown = np.isnan(size_m)[:, None]
     return Sizes(
@@ -210,17 +231,26 @@ def _extrapolated(wanted: Wanted, problem: Problem) -> BoolArray:
 
 
 def distances(
-    model: ScaleModel, depth: FloatArray, metres_per_pixel: FloatArray, *, other_map: bool = False
+    source: ScaleModel | Setting,
+    depth: FloatArray,
+    sizes: Sizes,
+    log_k: FloatArray,
+    *,
+    other_map: bool = False,
 ) -> FloatArray | None:
     """
     Compute z-depths: focal length x metres per pixel, or what metric depth itself says.
 
     Parameters
     ----------
-    model : ScaleModel
-        The model.
-    depth, metres_per_pixel : (M,) ndarray of float
-        Depth and scale of each object.
+    source : ScaleModel or Setting
+        What tells the kind of depth, the camera and the error of the map's scale.
+    depth : (M,) ndarray of float
+        Depth of each object.
+    sizes : Sizes
+        Their sizes and scales.
+    log_k : (M,) ndarray of float
+        Log of the scale constant of each.
     other_map : bool
         True where the depths are of another map than the fitted one.
 
@@ -229,15 +259,15 @@ def distances(
     (M,) ndarray of float64 or None
         In metres; None where no focal length is known.
     """
-    if model.kind != "metric":
-        focal_px = model.focal_px
-        return None if focal_px is None else focal_px * metres_per_pixel
-    if model.camera is None or other_map:
+    camera = source.camera
+    if source.kind != "metric":
+        return None if camera is None else camera.focal_px * sizes.metres_per_pixel
+    if camera is None or other_map:
         return depth
     # f k is the map's scale error times the focal length's: the map takes its share of it
-    map_var, focal_var = model.scale_rel_std**2, model.camera.focal_rel_std**2
+    map_var, focal_var = source.scale_rel_std**2, camera.focal_rel_std**2
     share = map_var / (map_var + focal_var) if map_var else 0.0
-    distance: FloatArray = depth * (model.camera.focal_px * model.k) ** share
+    distance: FloatArray = depth * (camera.focal_px * np.exp(log_k)) ** share
     return distance
 
 

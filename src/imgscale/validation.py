@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import Unpack
 
@@ -15,7 +14,7 @@ from imgscale.depth import Depth
 from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
 from imgscale.estimate import SizeEstimate
-from imgscale.fitting import FitOptions, fit_observed, observe_references
+from imgscale.fitting import FitOptions, observe_references
 from imgscale.flags import Flag
 from imgscale.observations import Observations
 from imgscale.posing import check_joint, check_separable, problem_of, solve_by
@@ -89,7 +88,8 @@ def leave_one_out(
     problem = problem_of(detections, obs, setting)
     rows = obs.eligible
     _check_enough([detections[int(row)].label for row in rows], problem)
-    model = fit_observed(detections, obs, setting)
+    cases = solve_by(setting.method, problem)
+    found = estimate(problem, cases)
     nobody = np.full(len(detections), -1, dtype=np.intp)  # none of them was in its own fit
     wanted = Wanted(
         subjects=objects_of(obs)._replace(group=_groups(obs)),
@@ -97,10 +97,11 @@ def leave_one_out(
         common_var=np.zeros(nobody.size),
         share=np.zeros(nobody.size),
         fuse=use_prior & ~(np.isnan(obs.prior_m) | obs.partial),
-        log_k=np.full(nobody.size, math.log(model.k)),
-        shift=np.full(nobody.size, model.shift),
+        log_k=np.full(nobody.size, found.log_k[0]),
+        shift=np.full(nobody.size, found.shift[0]),
     )
-    sizes = size_up(solve_by(setting.method, problem), wanted)
+    rest = np.setdiff1d(np.arange(nobody.size), rows)
+    sizes = Sizes.unknown(nobody.size).updated(rest, size_up(cases, wanted.rows(rest)))
     for places in _chunks(problem, rows.size, setting.method):
         part = _sizes_without(problem, places, setting.method, wanted.rows(rows[places]))
         sizes = sizes.updated(rows[places], part)
@@ -109,7 +110,7 @@ def leave_one_out(
         obs,
         sizes,
         row_flags(obs, wanted, sizes, problem, Flag(0)),
-        distances(model, obs.depth, sizes.metres_per_pixel),
+        distances(setting, obs.depth, sizes, wanted.log_k),
     )
 
 
