@@ -42,7 +42,9 @@ def test_synthetic_sizes_beat_the_class_mean(synthetic):
 
 
 def test_no_object_is_lost_without_a_word(synthetic):
-    assert all(row["unanswered"] == 0 for row in synthetic.values() if not row["refused"])
+    # with a fitted shift an object may lie beyond the horizon, which is counted
+    metric = [row for name, row in synthetic.items() if "affine" not in name]
+    assert all(row["unanswered"] == row["refused"] == 0 for row in metric)
     assert synthetic["L-told-5"]["n"] == synthetic["L-told-10"]["n"] > 100
 
 

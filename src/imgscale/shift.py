@@ -20,7 +20,7 @@ from imgscale.witnesses import Nuisance, Sized, middle_case, observe_under
 
 # Where c may lie, in units of the spread of D; farther where the prior of b is wider.
 _NEAREST, _FARTHEST = 1e-3, 1e2
-_STARTS, _COARSE, _FINE = 25, 25, 17
+_STARTS, _COARSE, _FINE = 25, 41, 17
 _FINE_REACH = 5.0
 # The noise of the first steps, which takes up how far the start is off; it shrinks by 5 a step.
 _FIRST_NOISE, _COOLING, _STEPS = 0.3, 0.2, 30

@@ -96,7 +96,7 @@ def load() -> Scene:
     >>> scene = motorcycle.load()
     >>> model = ims.fit(scene.detections, scene.depth, scene.priors, noise=scene.noise)
     >>> print(model)
-    k = 0.282 +- 0.009 m (stereo baseline) from 1 of 1 reference; without a prior: front rim,
+    k = 0.282 +- 0.008 m (stereo baseline) from 1 of 1 reference; without a prior: front rim,
     headlight, bottle, carton, tall carton
     """
     import skimage as ski  # noqa: PLC0415 - loads its parts on use
