@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import imgscale as ims
-from imgscale.closed_form import least_squares, mean_ratio
+from imgscale.core.closed_form import least_squares, mean_ratio
 
 ESTIMATORS = [mean_ratio, least_squares]
 X = [44, 153, 27, 310]

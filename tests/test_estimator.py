@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imgscale.estimator import disagree, fit_robust, log_k_std, view_from_others
-from imgscale.predictive import fused
-from imgscale.segments import MIN_VARIANCE, LogObservations, Parts, Subjects
-from imgscale.solving import Problem, solve
-from imgscale.witnesses import Sized
+from imgscale.core.estimator import disagree, fit_robust, log_k_std, view_from_others
+from imgscale.core.predictive import fused
+from imgscale.core.segments import MIN_VARIANCE, LogObservations, Parts, Subjects
+from imgscale.core.solving import Problem, solve
+from imgscale.core.witnesses import Sized
 
 TUKEY_C = 4.685
 Z90 = 1.6448536269514722

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import optimize, special
 
-from imgscale.mixture import MEDIAN, SCORES, Mixture, half_width
+from imgscale.core.mixture import MEDIAN, SCORES, Mixture, half_width
 
 
 def mixture(*components):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import interpolate, optimize, special
 
-from imgscale.posterior import believe, fit_grid, log_evidence, view_on_grid
-from imgscale.predictive import scale_of
-from imgscale.segments import LogObservations, Parts, Subjects
-from imgscale.solving import Problem, solve
-from imgscale.witnesses import Sized
+from imgscale.core.posterior import believe, fit_grid, log_evidence, view_on_grid
+from imgscale.core.predictive import scale_of
+from imgscale.core.segments import LogObservations, Parts, Subjects
+from imgscale.core.solving import Problem, solve
+from imgscale.core.witnesses import Sized
 
 ONE_SIGMA = (0.15865525393145707, 0.8413447460685429)
 
@@ -259,7 +259,7 @@ def assert_moments_agree(found, expected, tolerance=5e-3):
 
 
 def as_witnesses(obs):
-    """The same references as `imgscale.solving` takes them, with d p = 1."""
+    """The same references as `imgscale.core.solving` takes them, with d p = 1."""
     n = obs.y.size
     return Sized(
         inverse_depth=np.ones(n),

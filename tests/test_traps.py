@@ -8,8 +8,8 @@ from PIL import Image
 
 import imgscale as ims
 from imgscale import Flag
-from imgscale.estimator import disagree, fit_robust
-from imgscale.segments import LogObservations
+from imgscale.core.estimator import disagree, fit_robust
+from imgscale.core.segments import LogObservations
 
 POLE = ims.PriorTable([ims.ObjectPrior("pole", 2.0, 0.1)])
 

@@ -7,10 +7,10 @@ import pytest
 from scipy import optimize, special
 
 import imgscale as ims
-from imgscale.predictive import scale_of
-from imgscale.segments import Parts
-from imgscale.solving import Problem, solve
-from imgscale.witnesses import Sized
+from imgscale.core.predictive import scale_of
+from imgscale.core.segments import Parts
+from imgscale.core.solving import Problem, solve
+from imgscale.core.witnesses import Sized
 
 METHODS = ["posterior", "robust"]
 # Labels that no shipped table knows: mean, spread and error of the mean, relative.

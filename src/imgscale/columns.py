@@ -9,14 +9,14 @@ import numpy as np
 
 from imgscale._typing import FloatArray, IntArray
 from imgscale.camera import Camera
+from imgscale.core.segments import Parts
+from imgscale.core.witnesses import Sized
 from imgscale.detection import Detection
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.observations import Observations
 from imgscale.prior_choice import MeanKey, log_kinds, log_moments, mean_key, rows_along
 from imgscale.priors import PriorTable
-from imgscale.segments import Parts
-from imgscale.witnesses import Sized
 
 
 class CameraWitness(NamedTuple):

@@ -10,8 +10,8 @@ import attrs
 from imgscale._checks import as_float, is_between, nan_as_none, number_error
 from imgscale._format import with_error
 from imgscale._typing import SizeAxis
+from imgscale.core.mixture import LARGEST_SCORE
 from imgscale.flags import Flag, flag_names
-from imgscale.mixture import LARGEST_SCORE
 
 __all__ = ["SizeEstimate"]
 

@@ -12,21 +12,21 @@ from imgscale._checks import check_choice, check_type
 from imgscale._typing import DepthKind, FitMethod
 from imgscale.camera import Camera
 from imgscale.columns import camera_witness, chosen
+from imgscale.core.mixture import MEDIAN, half_width
+from imgscale.core.predictive import scale_of
+from imgscale.core.solving import Estimate, Problem, estimate
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
 from imgscale.detection import Detection, check_detections
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
-from imgscale.mixture import MEDIAN, half_width
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.object_depth import usable_depth, with_image_size
 from imgscale.observations import Observations, observe
 from imgscale.posing import Setting, problem_of, solve_by, witness_of
-from imgscale.predictive import scale_of
 from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference
 from imgscale.referencing import explain_references
-from imgscale.solving import Estimate, Problem, estimate
 
 __all__ = ["fit"]
 

@@ -14,6 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
+from imgscale.core.segments import Parts
 from imgscale.depth import Depth, DepthMap, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
@@ -23,7 +24,6 @@ from imgscale.object_depth import DepthColumns, object_depths, usable_depth
 from imgscale.object_prior import SIZE_AXES
 from imgscale.prior_choice import MeanKey, PriorChoice, choose_prior, log_kinds, mean_key
 from imgscale.priors import PriorTable
-from imgscale.segments import Parts
 from imgscale.thickness import surface_depth, view_extent
 
 __all__ = ["Observations", "observe"]

@@ -10,7 +10,6 @@ import numpy as np
 
 from imgscale._typing import DepthKind, FitMethod, FloatArray, ImageSize
 from imgscale.camera import Camera
-from imgscale.closed_form import least_squares, mean_ratio
 from imgscale.columns import (
     CameraWitness,
     camera_witness,
@@ -19,9 +18,13 @@ from imgscale.columns import (
     references_of,
     with_camera,
 )
+from imgscale.core.closed_form import least_squares, mean_ratio
+from imgscale.core.estimator import log_k_std
+from imgscale.core.segments import LogFit
+from imgscale.core.solving import Cases, Problem, closed_form_cases, solve
+from imgscale.core.witnesses import middle_case, observe_under
 from imgscale.detection import Detection
 from imgscale.errors import FitError
-from imgscale.estimator import log_k_std
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
@@ -29,9 +32,6 @@ from imgscale.observations import NO_DEPTH, NO_PRIOR, PARTIAL, Observations
 from imgscale.prior_choice import MeanKey
 from imgscale.priors import PriorTable
 from imgscale.reference import numbered_labels
-from imgscale.segments import LogFit
-from imgscale.solving import Cases, Problem, closed_form_cases, solve
-from imgscale.witnesses import middle_case, observe_under
 
 # Inverse depths that differ by less, relative to the largest, are rounding of one.
 _SAME_DEPTH = 1e-9

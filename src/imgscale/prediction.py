@@ -12,6 +12,7 @@ import numpy as np
 from imgscale._checks import check_choice, check_type
 from imgscale._typing import IntArray, SizeAxis
 from imgscale.columns import in_groups, objects_of
+from imgscale.core.witnesses import UNKNOWN_DEPTH_REL
 from imgscale.depth import Depth, DepthMap, ObjectDepths
 from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
@@ -25,7 +26,6 @@ from imgscale.observations import Observations, observe
 from imgscale.posing import check_joint, problem_of_model, solve_by
 from imgscale.prior_choice import MeanKey
 from imgscale.sizing import Wanted, distances, gather, row_flags, size_up
-from imgscale.witnesses import UNKNOWN_DEPTH_REL
 
 __all__ = ["predict"]
 

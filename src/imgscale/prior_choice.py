@@ -9,11 +9,11 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from imgscale._typing import FloatArray, SizeAxis
+from imgscale.core.segments import Parts
 from imgscale.extent import extent_rel_std
 from imgscale.noise import Noise
 from imgscale.object_prior import SIZE_AXES, ObjectPrior, normal_label
 from imgscale.priors import PriorTable
-from imgscale.segments import Parts
 
 MeanKey: TypeAlias = tuple[str, SizeAxis]
 

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray
+from imgscale.core.mixture import MEDIAN, half_width
+from imgscale.core.predictive import measured, residuals, with_priors
+from imgscale.core.solving import Cases, Estimate
 from imgscale.detection import Detection
-from imgscale.mixture import MEDIAN, half_width
 from imgscale.observations import Observations
-from imgscale.predictive import measured, residuals, with_priors
 from imgscale.prior_choice import rows_along
 from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference
-from imgscale.solving import Cases, Estimate
 
 __all__ = ["explain_references"]
 

@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray
+from imgscale.core.mixture import MEDIAN, SCORES, half_width
+from imgscale.core.predictive import measured, measured_again, with_priors
+from imgscale.core.solving import Cases, Problem
+from imgscale.core.witnesses import Sized
 from imgscale.detection import Detection
 from imgscale.estimate import SizeEstimate
 from imgscale.flags import Flag, flags_where
-from imgscale.mixture import MEDIAN, SCORES, half_width
 from imgscale.model import ScaleModel
 from imgscale.observations import Observations
 from imgscale.posing import Setting
-from imgscale.predictive import measured, measured_again, with_priors
-from imgscale.solving import Cases, Problem
-from imgscale.witnesses import Sized
 
 # Beyond the horizon is told where the 95 % interval reaches it.
 _TWO_STD = int(np.searchsorted(SCORES, 2.0))

@@ -10,6 +10,7 @@ import numpy as np
 from imgscale._checks import check_type
 from imgscale._typing import FitMethod, IntArray
 from imgscale.columns import objects_of
+from imgscale.core.solving import Problem, estimate
 from imgscale.depth import Depth
 from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
@@ -20,7 +21,6 @@ from imgscale.observations import Observations
 from imgscale.posing import check_joint, check_separable, problem_of, solve_by
 from imgscale.priors import PriorTable
 from imgscale.sizing import Sizes, Wanted, distances, gather, row_flags, size_up
-from imgscale.solving import Problem, estimate
 
 __all__ = ["leave_one_out"]
 

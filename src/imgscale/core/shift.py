@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from imgscale._typing import FloatArray
-from imgscale.estimator import fit_robust, tukey
-from imgscale.evidence import robust_evidence
-from imgscale.segments import LogObservations, sum_by
-from imgscale.witnesses import Nuisance, Sized, middle_case, observe_under
+from imgscale.core.estimator import fit_robust, tukey
+from imgscale.core.evidence import robust_evidence
+from imgscale.core.segments import LogObservations, sum_by
+from imgscale.core.witnesses import Nuisance, Sized, middle_case, observe_under
 
 # Where c may lie, in units of the spread of D; farther where the prior of b is wider.
 _NEAREST, _FARTHEST = 1e-3, 1e2

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from imgscale._typing import FloatArray, IntArray
-from imgscale.estimator import log_k_std, view_from_others
-from imgscale.mixture import MEDIAN, SCORES, Mixture
-from imgscale.posterior import view_on_grid
-from imgscale.segments import View, normalised
-from imgscale.solving import Cases
-from imgscale.witnesses import Sized, subjects_under
+from imgscale.core.estimator import log_k_std, view_from_others
+from imgscale.core.mixture import MEDIAN, SCORES, Mixture
+from imgscale.core.posterior import view_on_grid
+from imgscale.core.segments import View, normalised
+from imgscale.core.solving import Cases
+from imgscale.core.witnesses import Sized, subjects_under
 
 # Variances below this are rounding.
 _LEAST = 1e-24

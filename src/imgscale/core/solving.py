@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray
-from imgscale.estimator import disagree, fit_robust
-from imgscale.evidence import robust_evidence
-from imgscale.posterior import GridFit, believe, fit_grid, log_evidence
-from imgscale.segments import MIN_VARIANCE, LogFit, LogObservations, normalised
-from imgscale.shift import shift_cases
-from imgscale.witnesses import (
+from imgscale.core.estimator import disagree, fit_robust
+from imgscale.core.evidence import robust_evidence
+from imgscale.core.posterior import GridFit, believe, fit_grid, log_evidence
+from imgscale.core.segments import MIN_VARIANCE, LogFit, LogObservations, normalised
+from imgscale.core.shift import shift_cases
+from imgscale.core.witnesses import (
     Nuisance,
     Sized,
     crossed,

@@ -1,14 +1,14 @@
 """
 The exact posterior of log k on a grid: arrays only, many images at once.
 
-The model is that of `imgscale.segments`, with references of which some are wrong. A reference of
-label c sees v = log k + u_c, and its likelihood is
+The model is that of `segments`, with references of which some are wrong. A reference of label c
+sees v = log k + u_c, and its likelihood is
 
     g_i(v) = 0.95 sum_j w_j N(y_ij - v; v_ij) + outliers(y_i - v),
 
 where j runs over the kinds of thing that the label may be, N(.; variance) is the normal density and
-the outliers are those of `imgscale.evidence`. With g_c the product over a label's references, the
-likelihood of log k is the product over the labels of g_c convolved with N(0, tau_c^2).
+the outliers are those of `evidence`. With g_c the product over a label's references, the likelihood
+of log k is the product over the labels of g_c convolved with N(0, tau_c^2).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from imgscale._typing import FloatArray, IntArray
-from imgscale.evidence import SOUND, outlier_density
-from imgscale.segments import (
+from imgscale.core.evidence import SOUND, outlier_density
+from imgscale.core.segments import (
     LogFit,
     LogObservations,
     Subjects,

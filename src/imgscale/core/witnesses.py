@@ -2,7 +2,7 @@
 References and other objects while shift and noise of their depths are still open.
 
 A `Nuisance` is a grid of values of these two; under each of them the references are plain
-observations of log k (`imgscale.segments`), so that one core solves every kind of depth.
+observations of log k (`imgscale.core.segments`), so that one core solves every kind of depth.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray
-from imgscale.segments import MIN_VARIANCE, LogObservations, Parts, Subjects
+from imgscale.core.segments import MIN_VARIANCE, LogObservations, Parts, Subjects
 
 # Depth noise that nobody told: 5 % within a factor of 2.2 (design: networks and stereo), on a grid
 # from 1 to 55 %.

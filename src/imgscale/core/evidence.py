@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from imgscale._typing import FloatArray
-from imgscale.segments import LogFit, LogObservations, sum_by
+from imgscale.core.segments import LogFit, LogObservations, sum_by
 
 # Reasoned, not fitted: detectors' labels and boxes fail in some per cent of cases; half as many or
 # twice as many change the result little (docs, Validation).

@@ -2,7 +2,7 @@
 The robust estimator of log k, iteratively re-weighted least squares: fast, and right in the median.
 
 The label's offset is integrated out in closed form: with W the sum of a label's weights, the label
-weighs 1 / (1 / W + tau^2). See `imgscale.segments` for the model.
+weighs 1 / (1 / W + tau^2). See `imgscale.core.segments` for the model.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray
-from imgscale.segments import LogFit, LogObservations, Subjects, View, median_by, shares_of_k
+from imgscale.core.segments import LogFit, LogObservations, Subjects, View, median_by, shares_of_k
 
 # Tukey's biweight: 95 % as efficient as least squares where the noise is Gaussian.
 _TUKEY_C = 4.685
