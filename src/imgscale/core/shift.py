@@ -164,7 +164,7 @@ def _step(
     shrink = tau**2 / (1 + tau**2 * sum_by(obs.group, weight))
 
     def product(a: FloatArray, b: FloatArray) -> FloatArray:
-        """Weighted product with the labels' offsets integrated out."""
+        # with the labels' offsets integrated out
         mates = sum_by(obs.group, weight * a) * sum_by(obs.group, weight * b)
         return sum_by(obs.image, weight * a * b) - sum_by(image, shrink * mates)
 

@@ -15,8 +15,8 @@ import numpy as np
 from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.core.segments import MIN_VARIANCE, LogObservations, Parts, Subjects
 
-# Depth noise that nobody told: 5 % within a factor of 2.2 (design: networks and stereo), on a grid
-# from 1 to 55 %.
+# Depth noise that nobody told: 5 % within a factor of 2.2, what stereo and networks give, on a grid
+# from 1 to 53 %.
 UNKNOWN_DEPTH_REL = 0.05
 _UNKNOWN_FACTOR = 2.2
 _NOISE_SCORES = np.linspace(-2.0, 3.0, 9)
