@@ -31,9 +31,9 @@ from imgscale.core.segments import (
     sum_by,
 )
 
-# The grid: half a standard deviation of the sharpest label apart, and wide enough for outliers.
-_STEP = 0.5
-_LARGEST_GRID = 4096
+# The grid: 0.4 standard deviations of the sharpest label apart, and wide enough for outliers.
+_STEP = 0.4
+_LARGEST_GRID = 8192
 _REACH = 5.0
 _OUTLIER_REACH = 3.0
 # Kernels of labels' offsets reach 5 standard deviations; those of a variance below half a squared
