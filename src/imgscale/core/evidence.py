@@ -14,8 +14,8 @@ import numpy as np
 from imgscale._typing import FloatArray
 from imgscale.core.segments import LogFit, LogObservations, sum_by
 
-# Reasoned, not fitted: detectors' labels and boxes fail in some per cent of cases; half as many or
-# twice as many change the result little (docs, Validation).
+# Reasoned, not fitted: detectors' labels and boxes fail in some per cent of cases. With more of
+# them the interval of a single sound reference would reach much further down.
 _GROSS, _GROSS_STD = 0.02, 0.5
 _SMALLER, _SMALLER_BY, _SMALLER_STD = 0.03, 0.4, 0.25
 SOUND = 1 - _GROSS - _SMALLER
