@@ -45,7 +45,8 @@ class Camera:
     image_size : (width, height) or None
         Size in pixels of the picture that the focal length belongs to.
     pitch_deg : float
-        Tilt of the optical axis below the horizontal, in degrees, -90 to 90.
+        Tilt of the optical axis below the horizontal, in degrees, -90 to 90; 0 with the standard
+        error 0 means that nobody told.
     pitch_std_deg : float
         Its standard error, in degrees, >= 0.
 
@@ -89,6 +90,11 @@ class Camera:
         if abs(self.pitch_deg) >= 90:
             msg = f"`pitch_deg` must be between -90 and 90; got {self.pitch_deg}."
             raise ValueError(msg)
+
+    @property
+    def is_tilted(self) -> bool:
+        """True where a pitch is told: 0 with the standard error 0 means that it is not."""
+        return bool(self.pitch_deg or self.pitch_std_deg)
 
     def check_image_size(self, image_size: ImageSize | None) -> None:
         """

@@ -3,37 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from imgscale._typing import FloatArray, IntArray
 from imgscale.camera import Camera
 from imgscale.core.segments import Parts
+from imgscale.core.stance import Stance
 from imgscale.core.witnesses import Sized
+from imgscale.depth import GroundPlane
 from imgscale.detection import Detection
+from imgscale.extent import extent_rel_std
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.observations import Observations
 from imgscale.prior_choice import MeanKey, log_kinds, log_moments, mean_key, rows_along
 from imgscale.priors import PriorTable
+from imgscale.reference import Reference
+from imgscale.standing import Viewpoint, height_of, stance_of
 
 
-class CameraWitness(NamedTuple):
+class FirmWitness(NamedTuple):
     """
-    What a camera says of log k: with metric depth, k = 1 / f.
+    What is known of the camera: with metric depth k = 1 / f, with a plane its height.
 
     Attributes
     ----------
-    log_k, variance : float
-        Log of 1 / focal length and its variance, the map's scale error included.
+    log_value, variance : float
+        Log of 1 / focal length (errors of the map's scale included) or of the height in metres.
+    is_height : bool
+        True for the height.
     """
 
-    log_k: float
+    log_value: float
     variance: float
+    is_height: bool
 
 
-def camera_witness(camera: Camera, scale_rel_std: float) -> CameraWitness:
+def camera_witness(camera: Camera, scale_rel_std: float) -> FirmWitness:
     """
     Ask a camera for log k.
 
@@ -46,14 +54,40 @@ def camera_witness(camera: Camera, scale_rel_std: float) -> CameraWitness:
 
     Returns
     -------
-    CameraWitness
+    FirmWitness
         What it says.
     """
     variance = camera.focal_rel_std**2 + scale_rel_std**2
-    return CameraWitness(-float(np.log(camera.focal_px)), variance)
+    return FirmWitness(-float(np.log(camera.focal_px)), variance, is_height=False)
 
 
-def objects_of(obs: Observations) -> Sized:
+def firm_witnesses(
+    camera: Camera | None, ground: GroundPlane | None, scale_rel_std: float
+) -> list[FirmWitness]:
+    """
+    Gather what is known beforehand of the camera.
+
+    Parameters
+    ----------
+    camera : Camera or None
+        The camera, where its focal length is a witness of k.
+    ground : GroundPlane or None
+        The plane, where there is one.
+    scale_rel_std : float
+        Relative standard error of the metric depth's scale.
+
+    Returns
+    -------
+    list of FirmWitness
+        None, one or both.
+    """
+    firm = [camera_witness(camera, scale_rel_std)] if camera else []
+    if ground:
+        firm.append(FirmWitness(*height_of(ground), is_height=True))
+    return firm
+
+
+def objects_of(obs: Observations, view: Viewpoint | None) -> Sized:
     """
     Turn the observations of one image into columns.
 
@@ -61,24 +95,28 @@ def objects_of(obs: Observations) -> Sized:
     ----------
     obs : Observations
         The objects.
+    view : Viewpoint or None
+        Camera and plane, where they count.
 
     Returns
     -------
     Sized
         One row each, of image 0, grouped by label.
     """
+    alone = view is not None and view.alone
     return _sized(
-        inverse_depth=obs.inverse_depth,
+        inverse_depth=np.full_like(obs.depth, np.nan) if alone else obs.inverse_depth,
         pixels=obs.pixels,
         noise_var=obs.noise_var,
         kinds=obs.kinds,
         moments=np.stack([obs.prior_m, obs.prior_std_m, obs.prior_mean_std_m]),
         group=obs.group,
         unknown_noise=obs.unknown_noise,
+        stance=stance_of(view, obs.boxes, obs.feet, obs.upright, obs.box_var) if view else None,
     )
 
 
-def references_of(model: ScaleModel) -> tuple[Sized, list[MeanKey | None]]:
+def references_of(model: ScaleModel, view: Viewpoint | None) -> ModelColumns:
     """
     Turn the references of a model into the columns that it was fitted to.
 
@@ -86,32 +124,85 @@ def references_of(model: ScaleModel) -> tuple[Sized, list[MeanKey | None]]:
     ----------
     model : ScaleModel
         The model.
+    view : Viewpoint or None
+        Camera and plane, where they count.
 
     Returns
     -------
+    ModelColumns
+        Its references, what is known of the camera, and its other objects.
+    """
+    keys = list(
+        dict.fromkeys(
+            mean_key(ref.label, ref.axis, model.priors) for ref in model.references if ref.candidate
+        )
+    )
+    witnesses, bystanders = (
+        _of_references([ref for ref in model.references if ref.candidate == wanted], model, view)
+        for wanted in (True, False)
+    )
+    ref_keys = [
+        mean_key(ref.label, ref.axis, model.priors) for ref in model.references if ref.candidate
+    ]
+    group = np.array([keys.index(key) for key in ref_keys], dtype=np.intp)
+    return ModelColumns(
+        witnesses=with_firm(
+            witnesses._replace(group=group),
+            firm_witnesses(
+                model.camera if model.camera_is_witness else None, model.ground, model.scale_rel_std
+            ),
+        ),
+        bystanders=bystanders,
+        keys=keys,
+    )
+
+
+class ModelColumns(NamedTuple):
+    """
+    The columns of a model.
+
+    Attributes
+    ----------
     witnesses : Sized
-        One row for each candidate among its references, and the camera's.
+        One row for each candidate among its references, and what is known of the camera.
+    bystanders : Sized
+        Its other objects.
     keys : list
         The mean size that each group shares, in the order of the groups.
     """
-    refs = [ref for ref in model.references if ref.candidate]
-    ref_keys = [mean_key(ref.label, ref.axis, model.priors) for ref in refs]
-    keys = list(dict.fromkeys(ref_keys))
+
+    witnesses: Sized
+    bystanders: Sized
+    keys: list[MeanKey | None]
+
+
+def _of_references(refs: Sequence[Reference], model: ScaleModel, view: Viewpoint | None) -> Sized:
+    """Columns of some of a model's references, without their groups."""
     rows = [rows_along(ref.label, ref.axis, model.priors) for ref in refs]
     moments = [(ref.prior_m, ref.prior_std_m, ref.prior_mean_std_m) for ref in refs]
     depth = np.array([ref.depth for ref in refs], dtype=np.float64)
-    witnesses = _sized(
-        inverse_depth=LAWS[model.kind].inverse_depth(depth),
-        pixels=np.array([ref.pixels for ref in refs], dtype=np.float64),
+    pixels = np.array([ref.pixels for ref in refs], dtype=np.float64)
+    alone = view is not None and view.alone
+    stance = None
+    if view:
+        noise = model.noise
+        stance = stance_of(
+            view,
+            np.array([ref.xyxy for ref in refs], dtype=np.float64).reshape(-1, 4),
+            np.array([ref.foot_xy for ref in refs], dtype=np.float64).reshape(-1, 2),
+            np.array([ref.axis == "height" for ref in refs], dtype=np.bool_),
+            extent_rel_std(pixels, noise.box_px, noise.box_rel) ** 2,
+        )
+    return _sized(
+        inverse_depth=depth * np.nan if alone else LAWS[model.kind].inverse_depth(depth),
+        pixels=pixels,
         noise_var=np.array([ref.noise_rel for ref in refs], dtype=np.float64) ** 2,
         kinds=log_kinds(rows),
         moments=np.array(moments, dtype=np.float64).reshape(-1, 3).T,
-        group=np.array([keys.index(key) for key in ref_keys], dtype=np.intp),
+        group=np.full(depth.size, -1, dtype=np.intp),
         unknown_noise=model.depth_rel is not None,
+        stance=stance,
     )
-    if model.camera_is_witness and model.camera:
-        witnesses = with_camera(witnesses, camera_witness(model.camera, model.scale_rel_std))
-    return witnesses, keys
 
 
 def in_groups(
@@ -170,44 +261,62 @@ def chosen(objects: Sized, rows: IntArray) -> Sized:
     return picked._replace(group=np.unique(picked.group, return_inverse=True)[1].astype(np.intp))
 
 
-def with_camera(witnesses: Sized, camera: CameraWitness) -> Sized:
+def bystanders_of(objects: Sized, witnesses: IntArray) -> Sized:
     """
-    Add a camera to the references of one image.
+    Select the objects that only tell of the plane.
+
+    Parameters
+    ----------
+    objects : Sized
+        All objects.
+    witnesses : (N,) ndarray of int
+        The references among them.
+
+    Returns
+    -------
+    Sized
+        The others, of no group.
+    """
+    others = np.setdiff1d(np.arange(objects.image.size), witnesses)
+    return objects.rows(others)._replace(group=np.full(others.size, -1, dtype=np.intp))
+
+
+def with_firm(witnesses: Sized, firm: Sequence[FirmWitness]) -> Sized:
+    """
+    Add what is known of the camera to the references of one image.
 
     Parameters
     ----------
     witnesses : Sized
         The references, none or more.
-    camera : CameraWitness
-        What the camera says.
+    firm : sequence of FirmWitness
+        What is known.
 
     Returns
     -------
     Sized
-        One more row, the last, which is firm.
+        One more row for each, at the end, which is firm.
     """
-    share = np.zeros((1, witnesses.prior.share.shape[1]))
-    share[0, 0] = 1.0
-    row = Sized(
-        inverse_depth=np.ones(1),
-        log_pixels=np.zeros(1),
-        noise_var=np.zeros(1),
-        prior=Parts(share, np.full_like(share, camera.log_k), np.full_like(share, camera.variance)),
-        prior_log=np.array([camera.log_k]),
-        prior_var=np.array([camera.variance]),
-        tau=np.zeros(1),
-        image=np.zeros(1, dtype=np.intp),
-        group=np.array([witnesses.group.max(initial=-1) + 1], dtype=np.intp),
-        told=np.ones(1, dtype=np.bool_),
-        firm=np.ones(1, dtype=np.bool_),
-    )
-    joined: list[Any] = [
-        Parts(*(np.concatenate(pair) for pair in zip(column, more, strict=True)))
-        if isinstance(column, Parts)
-        else np.concatenate([column, more])
-        for column, more in zip(list[Any](witnesses), list[Any](row), strict=True)
-    ]
-    return Sized(*joined)
+    for told in firm:
+        share = np.zeros((1, witnesses.prior.share.shape[1]))
+        share[0, 0] = 1.0
+        mean, variance = np.full_like(share, told.log_value), np.full_like(share, told.variance)
+        row = Sized(
+            inverse_depth=np.ones(1),
+            log_pixels=np.zeros(1),
+            noise_var=np.zeros(1),
+            prior=Parts(share, mean, variance),
+            prior_log=np.array([told.log_value]),
+            prior_var=np.array([told.variance]),
+            tau=np.zeros(1),
+            image=np.zeros(1, dtype=np.intp),
+            group=np.array([witnesses.group.max(initial=-1) + 1], dtype=np.intp),
+            told=np.ones(1, dtype=np.bool_),
+            firm=np.ones(1, dtype=np.bool_),
+            stance=witnesses.stance and Stance.of_camera(is_height=told.is_height),
+        )
+        witnesses = witnesses.joined(row)
+    return witnesses
 
 
 def _sized(
@@ -219,6 +328,7 @@ def _sized(
     moments: FloatArray,
     group: IntArray,
     unknown_noise: bool,
+    stance: Stance | None,
 ) -> Sized:
     """Columns of one image."""
     mean_m, std_m, mean_std_m = moments
@@ -235,4 +345,5 @@ def _sized(
         group=group,
         told=np.full(group.size, not unknown_noise),
         firm=np.zeros(group.size, dtype=np.bool_),
+        stance=stance,
     )

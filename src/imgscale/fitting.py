@@ -14,16 +14,17 @@ from imgscale.camera import Camera
 from imgscale.columns import camera_witness, chosen
 from imgscale.core.mixture import MEDIAN, half_width
 from imgscale.core.predictive import scale_of
-from imgscale.core.solving import Estimate, Problem, estimate
-from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
+from imgscale.core.solving import Estimate, PlaneEstimate, Problem, estimate
+from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
 from imgscale.detection import Detection, check_detections
+from imgscale.fitted_plane import FittedPlane
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
-from imgscale.object_depth import usable_depth, with_image_size
+from imgscale.object_depth import with_image_size
 from imgscale.observations import Observations, observe
-from imgscale.posing import Setting, problem_of, solve_by, witness_of
+from imgscale.posing import Setting, camera_counts, problem_of, solve_by, view_of
 from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference
 from imgscale.referencing import explain_references
@@ -53,15 +54,18 @@ def fit(
     ----------
     detections : sequence of Detection
         The objects in the image, known and unknown ones.
-    depth : DepthMap or ObjectDepths
-        Their depth, of any kind.
+    depth : DepthMap, ObjectDepths or GroundPlane
+        Their depth, of any kind. A `GroundPlane` says that there is none: all stand on one plane,
+        and the row of its foot tells the distance of each.
     priors : PriorTable, optional
         Sizes by label; the shipped table, ``PriorTable.default()``, where omitted.
     ground : GroundPlane, optional
-        Not supported in this version.
+        A second witness of distance beside the depth: where objects stand. The plane is fitted
+        too; objects that are off it fall back to their depth ("posterior", "robust").
     camera : Camera, optional
         With metric depth, its focal length is one more witness of k ("posterior", "robust").
-        For every kind it gives distances. Its pitch must be 0 in this version.
+        For every kind it gives distances, and its pitch, told or inferred from the horizon,
+        corrects the pixels of upright objects.
     method : str
         "posterior" is exact: the probability of every k, with references of which some are wrong
         and labels that stand for several things. "robust" is the fast one: it weighs references by
@@ -95,7 +99,9 @@ def fit(
     hidden, mislabelled). Where `noise` does not tell the depths' error, it is log-normal about 5 %
     within a factor of 2.2, learned from the residuals and averaged over. For "affine_inverse" depth
     k and the shift b are fitted together, ``d = 1 / (D + b)``, with a prior on b about 0 as wide as
-    the values are large.
+    the values are large. On a ground plane ``d = 1 / (y - y0 - r x)``, k is the camera's height and
+    horizon y0 and slope r are fitted with it, with priors that suit photos at large: the horizon
+    within some degrees of the middle, the height 1.7 m within a factor of 2, the slope 2 degrees.
 
     References
     ----------
@@ -179,9 +185,10 @@ def observe_references(
     TypeError
         If an argument is of the wrong type.
     """
-    usable = usable_depth(depth)
+    usable = check_depth_type(depth)
     _check_options(usable, priors, ground, camera, method, noise)
-    usable = with_image_size(usable, camera.image_size if camera else None)
+    for other in (camera, ground):
+        usable = with_image_size(usable, other.image_size if other else None)
     table = PriorTable.default() if priors is None else priors
     setting = Setting(
         kind=usable.kind,
@@ -189,11 +196,13 @@ def observe_references(
         priors=table,
         noise=noise,
         camera=camera,
+        ground=usable if isinstance(usable, GroundPlane) else ground,
         image_size=usable.image_size,
         fingerprint=usable.fingerprint if isinstance(usable, DepthMap) else None,
         scale_rel_std=usable.scale_rel_std if isinstance(usable, DepthMap) else 0.0,
     )
-    return observe(detections, usable, table, noise), setting
+    view_of(setting)  # a tilt without a principal point is refused before anything is read
+    return observe(detections, usable, table, noise, ground=setting.ground), setting
 
 
 def fit_observed(
@@ -224,15 +233,16 @@ def fit_observed(
     problem = problem_of(detections, obs, setting)
     cases = solve_by(setting.method, problem)
     found = estimate(problem, cases)
-    log_k, shift = float(found.log_k[0]), float(found.shift[0])
+    log_k = float(found.log_k[0])
     references = explain_references(detections, obs, setting.priors, cases, found)
+    plane = _plane(found.plane, setting)
+    shift = _shift(found, plane, setting.kind)
     return ScaleModel(
         k=math.exp(log_k),
         k_std=math.exp(log_k) * float(half_width(scale_of(cases).quantiles())[0]),
-        shift=shift,
-        shift_std=float(found.shift_std[0]),
-        correlation=float(found.correlation[0]),
-        mean_depth=_mean_depth(references, setting.kind, shift),
+        **shift,
+        plane=plane,
+        mean_depth=_mean_depth(references, setting.kind, shift["shift"]),
         references=references,
         flags=_flags(references, obs, problem, found, setting),
         depth_rel=float(found.depth_rel[0]) if problem.unknown_noise else None,
@@ -240,8 +250,49 @@ def fit_observed(
     )
 
 
+class _Shift(TypedDict):
+    """The shift of the inverse depth, as a model carries it."""
+
+    shift: float
+    shift_std: float
+    correlation: float
+
+
+def _shift(found: Estimate, plane: FittedPlane | None, kind: DepthKind) -> _Shift:
+    """Report the shift; that of a ground plane's rows is minus the horizon."""
+    if kind == "ground_plane" and plane and found.plane:
+        return {
+            "shift": -plane.horizon_px,
+            "shift_std": plane.horizon_std_px,
+            "correlation": -float(found.plane.correlation[0]),
+        }
+    return {
+        "shift": float(found.shift[0]),
+        "shift_std": float(found.shift_std[0]),
+        "correlation": float(found.correlation[0]),
+    }
+
+
+def _plane(found: PlaneEstimate | None, setting: Setting) -> FittedPlane | None:
+    """Report the plane in pixels of the image, metres and degrees."""
+    view = view_of(setting)
+    if found is None or view is None:
+        return None
+    height_m, slope = math.exp(float(found.log_height[0])), float(found.slope[0])
+    # in the middle column, not that of the principal point
+    middle = slope * (view.image_size[0] / 2 - view.cx)
+    return FittedPlane(
+        camera_height_m=height_m,
+        camera_height_std_m=height_m * float(found.log_height_std[0]),
+        horizon_px=view.cy + float(found.horizon[0]) + middle,
+        horizon_std_px=float(found.horizon_std[0]),
+        roll_deg=math.degrees(math.atan(slope)),
+        roll_std_deg=math.degrees(float(found.slope_std[0]) / (1 + slope**2)),
+    )
+
+
 def _check_options(
-    depth: DepthMap | ObjectDepths,
+    depth: Depth,
     priors: PriorTable | None,
     ground: GroundPlane | None,
     camera: Camera | None,
@@ -256,8 +307,22 @@ def _check_options(
         check_type("camera", camera, Camera)
     check_type("noise", noise, Noise)
     if ground is not None:
-        msg = "`ground` must be None in this version; a second witness is not fitted yet."
-        raise ValueError(msg)
+        check_type("ground", ground, GroundPlane)
+        if isinstance(depth, GroundPlane):
+            msg = "`ground` must be None where `depth` is the GroundPlane itself; got both."
+            raise ValueError(msg)
+        if depth.image_size and depth.image_size != ground.image_size:
+            msg = (
+                f"`ground.image_size` must be that of the depth, {depth.image_size}; got "
+                f"{ground.image_size}. Both belong to one image."
+            )
+            raise ValueError(msg)
+        if method in {"mean_ratio", "least_squares"}:
+            msg = (
+                f'`ground` must be None for method "{method}"; only "posterior" and "robust" fit a '
+                "plane."
+            )
+            raise ValueError(msg)
     if LAWS[depth.kind].has_shift and method in {"mean_ratio", "least_squares"}:
         msg = (
             f'`method` must be "posterior" or "robust" for depth of kind "{depth.kind}", whose '
@@ -266,21 +331,17 @@ def _check_options(
         raise ValueError(msg)
     if camera is not None:
         camera.check_image_size(depth.image_size)
-        if camera.pitch_deg or camera.pitch_std_deg:
-            msg = (
-                f"`camera.pitch_deg` must be 0 in this version; got {camera.pitch_deg} +- "
-                f"{camera.pitch_std_deg}. Tilted cameras are not corrected yet."
-            )
-            raise ValueError(msg)
+        camera.check_image_size(ground.image_size if ground else None)
 
 
 def _mean_depth(references: Sequence[Reference], kind: DepthKind, shift: float) -> float:
     """Mean of the used references' depths, averaged as distances (the paper's fig. 3.17)."""
-    depths = np.array([ref.depth for ref in references if ref.used])
-    if not depths.size:
-        return math.nan
     law = LAWS[kind]
-    return law.value_at(float(law.relative_distance(depths, shift).mean()), shift)
+    depths = np.array([ref.depth for ref in references if ref.used], dtype=np.float64)
+    with np.errstate(divide="ignore"):
+        distances = law.relative_distance(depths, shift)
+    distances = distances[np.isfinite(distances) & (distances > 0)]
+    return law.value_at(float(distances.mean()), shift) if distances.size else math.nan
 
 
 def _flags(
@@ -293,7 +354,7 @@ def _flags(
     """Collect the model's reservations."""
     used = [index for index, ref in enumerate(references) if ref.used]
     labels = {int(obs.group[index]) for index in used}
-    has_camera = witness_of(setting) is not None
+    has_camera = camera_counts(setting)
     return flags_where(
         {
             Flag.SINGLE_REFERENCE: len(used) == 1 and not has_camera,
@@ -316,15 +377,17 @@ def _scattered(references: Sequence[Reference], setting: Setting) -> bool:
 
 def _camera_conflicts(problem: Problem, setting: Setting) -> bool:
     """Compare the camera with what all references of metric depth say together without it."""
-    rows = np.flatnonzero(~problem.witnesses.firm)
-    if setting.camera is None or setting.kind != "metric" or not rows.size:
+    witnesses = problem.witnesses
+    height = False if witnesses.stance is None else witnesses.stance.is_height
+    rows = np.flatnonzero(~witnesses.firm | height)
+    if setting.camera is None or setting.kind != "metric" or witnesses.firm.all():
         return False
     alone = problem._replace(witnesses=chosen(problem.witnesses, rows), exact=False)
     cases = solve_by("robust" if setting.method == "posterior" else setting.method, alone)
     scale = scale_of(cases).quantiles()
     says = camera_witness(setting.camera, setting.scale_rel_std)
     error = math.hypot(math.sqrt(says.variance), float(half_width(scale)[0]))
-    return abs(says.log_k - float(scale[0, MEDIAN])) > _CONFLICT_Z * error
+    return abs(says.log_value - float(scale[0, MEDIAN])) > _CONFLICT_Z * error
 
 
 def _implausible_focal(references: Sequence[Reference], found: Estimate, setting: Setting) -> bool:

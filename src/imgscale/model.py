@@ -15,8 +15,9 @@ from imgscale._depth_values import valid_depths
 from imgscale._format import with_error
 from imgscale._typing import DepthKind, FitMethod, FloatArray, ImageSize
 from imgscale.camera import Camera
-from imgscale.depth import Depth, DepthMap, check_depth_type
+from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
 from imgscale.errors import DepthMismatchError
+from imgscale.fitted_plane import FittedPlane
 from imgscale.flags import Flag, flag_names, flags_of
 from imgscale.laws import LAWS
 from imgscale.noise import Noise
@@ -26,7 +27,7 @@ from imgscale.reference import Reference, numbered_labels
 
 __all__ = ["ScaleModel"]
 
-_SCHEMA = 2
+_SCHEMA = 3
 
 
 @attrs.frozen(kw_only=True)
@@ -62,6 +63,10 @@ class ScaleModel:
         The errors it assumed, used again by `predict`.
     camera : Camera or None
         The camera given.
+    ground : GroundPlane or None
+        What was given of the ground plane; None where it took no part.
+    plane : FittedPlane or None
+        The ground plane as it was found.
     image_size : (width, height) or None
         Size of the image in pixels, where known.
     fingerprint : int or None
@@ -86,6 +91,8 @@ class ScaleModel:
     priors: PriorTable = attrs.field(repr=lambda table: f"<{len(table)} priors>")
     noise: Noise
     camera: Camera | None
+    ground: GroundPlane | None
+    plane: FittedPlane | None
     image_size: ImageSize | None
     fingerprint: int | None
     scale_rel_std: float
@@ -106,13 +113,13 @@ class ScaleModel:
 
     @property
     def camera_height_m(self) -> float | None:
-        """Height of the camera above the ground plane in metres, None for other kinds."""
-        return self.k if self.kind == "ground_plane" else None
+        """Height of the camera above the ground plane in metres; None without a plane."""
+        return self.plane.camera_height_m if self.plane else None
 
     @property
     def horizon_px(self) -> float | None:
-        """Row of the horizon in pixels, None for kinds other than the ground plane."""
-        return -self.shift if self.kind == "ground_plane" else None
+        """Row of the horizon in the middle column, in pixels; None without a plane."""
+        return self.plane.horizon_px if self.plane else None
 
     @property
     def mse_m2(self) -> float:
@@ -324,7 +331,9 @@ class ScaleModel:
         fields["flags"] = flags_of(fields["flags"])
         fields["priors"] = PriorTable([ObjectPrior(**item) for item in fields["priors"]])
         fields["noise"] = Noise(**fields["noise"])
-        fields["camera"] = None if fields["camera"] is None else Camera(**fields["camera"])
+        kinds = (("camera", Camera), ("ground", GroundPlane), ("plane", FittedPlane))
+        for name, kind in kinds:
+            fields[name] = None if fields[name] is None else kind(**fields[name])
         size = fields["image_size"]
         fields["image_size"] = None if size is None else (int(size[0]), int(size[1]))
         if fields["mean_depth"] is None:
@@ -397,4 +406,6 @@ def _reference(item: Mapping[str, Any]) -> Reference:
         name: math.nan if value is None else value for name, value in item.items()
     }
     fields["xyxy"] = tuple(fields["xyxy"])
+    foot = item["foot_xy"]
+    fields["foot_xy"] = tuple(math.nan if number is None else number for number in foot)
     return Reference(**fields)

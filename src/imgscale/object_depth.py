@@ -9,11 +9,12 @@ import attrs
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, ImageSize
-from imgscale.depth import DepthMap, GroundPlane, ObjectDepths, check_depth_type
+from imgscale.depth import Depth, DepthMap, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.laws import LAWS
 from imgscale.noise import Noise
 from imgscale.sampling import DepthSample, sample_surface
+from imgscale.standing import RELIEF_REL
 
 
 class DepthColumns(NamedTuple):
@@ -38,56 +39,23 @@ class DepthColumns(NamedTuple):
     mixed: BoolArray
 
 
-def usable_depth(depth: object) -> DepthMap | ObjectDepths:
-    """
-    Return depth of a type and kind that can be fitted.
-
-    Parameters
-    ----------
-    depth : object
-        What was given as depth.
-
-    Returns
-    -------
-    DepthMap or ObjectDepths
-        The same.
-
-    Raises
-    ------
-    TypeError
-        If it is no depth.
-    ValueError
-        If it is a depth that this version does not fit.
-    """
-    known = check_depth_type(depth)
-    if isinstance(known, GroundPlane):
-        msg = (
-            "`depth` must be a DepthMap or ObjectDepths in this version; got a GroundPlane. "
-            "Sizes from the ground plane alone are not fitted yet."
-        )
-        raise ValueError(msg)  # noqa: TRY004 - a lawful type whose turn has not come
-    return known
-
-
-def with_image_size(
-    depth: DepthMap | ObjectDepths, image_size: ImageSize | None
-) -> DepthMap | ObjectDepths:
+def with_image_size(depth: Depth, image_size: ImageSize | None) -> Depth:
     """
     Tell depth the size of its image where it does not know it.
 
     Parameters
     ----------
-    depth : DepthMap or ObjectDepths
+    depth : DepthMap, ObjectDepths or GroundPlane
         The depth.
     image_size : (width, height) or None
         Size of the image in pixels, as the camera or the model knows it.
 
     Returns
     -------
-    DepthMap or ObjectDepths
+    DepthMap, ObjectDepths or GroundPlane
         The same depth, with an `image_size` where there is one.
     """
-    if isinstance(depth, DepthMap) or depth.image_size or not image_size:
+    if not isinstance(depth, ObjectDepths) or depth.image_size or not image_size:
         return depth
     return attrs.evolve(depth, image_size=image_size)
 
@@ -137,6 +105,27 @@ def object_depths(
         own = np.array([sample.rel_std for sample in samples], dtype=np.float64)
         mixed = np.array([sample.mixed for sample in samples], dtype=np.bool_)
     return DepthColumns(values, np.hypot(own, noise.depth_rel or 0.0), unknown, mixed)
+
+
+def foot_depths(rows: FloatArray, noise: Noise) -> DepthColumns:
+    """
+    Take the rows of feet for depths.
+
+    Parameters
+    ----------
+    rows : (N,) ndarray of float
+        Row of each foot; NaN where it is not in view.
+    noise : Noise
+        What was told of its error.
+
+    Returns
+    -------
+    DepthColumns
+        One row per detection.
+    """
+    rel_std = RELIEF_REL if noise.depth_rel is None else noise.depth_rel
+    nothing = np.zeros(rows.size, dtype=np.bool_)
+    return DepthColumns(rows, np.full(rows.size, rel_std), unknown_noise=False, mixed=nothing)
 
 
 def _origin(depth: DepthMap) -> float:

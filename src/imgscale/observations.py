@@ -15,15 +15,16 @@ import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
 from imgscale.core.segments import Parts
-from imgscale.depth import Depth, DepthMap, ObjectDepths
+from imgscale.depth import Depth, GroundPlane, ObjectDepths, check_depth_type
 from imgscale.detection import Detection
 from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
 from imgscale.laws import LAWS
 from imgscale.noise import Noise
-from imgscale.object_depth import DepthColumns, object_depths, usable_depth
+from imgscale.object_depth import DepthColumns, foot_depths, object_depths
 from imgscale.object_prior import SIZE_AXES
 from imgscale.prior_choice import MeanKey, PriorChoice, choose_prior, log_kinds, mean_key
 from imgscale.priors import PriorTable
+from imgscale.standing import feet_of
 from imgscale.thickness import surface_depth, view_extent
 
 __all__ = ["Observations", "observe"]
@@ -33,6 +34,7 @@ Extents: TypeAlias = Mapping[SizeAxis, FloatArray]
 NO_PRIOR = "no prior"
 PARTIAL = "partial"
 NO_DEPTH = "no depth"
+OFF_GROUND = "not on the ground"
 
 
 class Observations(NamedTuple):
@@ -61,6 +63,11 @@ class Observations(NamedTuple):
         Number of the row's label and axis, which share one mean; -1 without a prior.
     mixed, partial : (N,) ndarray of bool
         Two surfaces in the box; box cut by the border or marked partial.
+    boxes : (N, 4) ndarray of float64
+        The boxes.
+    feet : (N, 2) ndarray of float64
+        Column and row where each object meets the ground; NaN where it does not, or where that is
+        not asked for.
     reason : tuple of str
         Why a row cannot be a reference, empty where it can.
     """
@@ -79,12 +86,19 @@ class Observations(NamedTuple):
     group: IntArray
     mixed: BoolArray
     partial: BoolArray
+    boxes: FloatArray
+    feet: FloatArray
     reason: tuple[str, ...]
 
     @property
     def noise_var(self) -> FloatArray:
         """The variance of log(d p)."""
         return self.box_var + self.depth_var
+
+    @property
+    def upright(self) -> BoolArray:
+        """Where the extent is measured along the vertical."""
+        return np.array([axis == "height" for axis in self.axis], dtype=np.bool_)
 
     @property
     def eligible(self) -> IntArray:
@@ -98,6 +112,7 @@ def observe(
     priors: PriorTable,
     noise: Noise,
     *,
+    ground: GroundPlane | None = None,
     axis: SizeAxis | None = None,
     k: float | None = None,
 ) -> Observations:
@@ -108,12 +123,14 @@ def observe(
     ----------
     detections : sequence of Detection
         The objects.
-    depth : DepthMap or ObjectDepths
+    depth : DepthMap, ObjectDepths or GroundPlane
         Their depth.
     priors : PriorTable
         Sizes by label.
     noise : Noise
         Errors of boxes and depths.
+    ground : GroundPlane, optional
+        The plane on which they stand, beside their depth.
     axis : str, optional
         Measure every object along this axis. Where omitted, each is measured along the axis of
         its label's most precise prior.
@@ -132,7 +149,8 @@ def observe(
     TypeError
         If depth is not one of the depth types.
     """
-    depth = usable_depth(depth)
+    depth = check_depth_type(depth)
+    ground = depth if isinstance(depth, GroundPlane) else ground
     boxes = _boxes(detections)
     _check_in_image(boxes, depth)
     _check_masks(detections, depth)
@@ -142,7 +160,18 @@ def observe(
         for row, detection in enumerate(detections)
     ]
     pixels = np.array([extents[c.axis][i] for i, c in enumerate(choice)], dtype=np.float64)
-    depths = object_depths(detections, depth, noise)
+    feet = np.full((len(detections), 2), np.nan)
+    if ground:
+        stands = np.array(
+            [all(row.on_ground for row in priors.lookup(d.label)) for d in detections],
+            dtype=np.bool_,
+        )
+        feet = feet_of(detections, stands, ground.image_size)
+    depths = (
+        foot_depths(feet[:, 1], noise)
+        if isinstance(depth, GroundPlane)
+        else object_depths(detections, depth, noise)
+    )
     if isinstance(depth, ObjectDepths) and depth.depth_at == "centre":
         depths = _on_surface(depths, detections, extents, priors, noise, k)
     marked = np.array([detection.partial for detection in detections], dtype=np.bool_)
@@ -164,6 +193,8 @@ def observe(
         group=_groups(detections, priors, choice),
         mixed=depths.mixed,
         partial=partial,
+        boxes=boxes,
+        feet=feet,
         reason=tuple(
             _reason(c, cut, value)
             for c, cut, value in zip(choice, partial, depths.value, strict=True)
@@ -175,7 +206,7 @@ def _boxes(detections: Sequence[Detection]) -> FloatArray:
     return np.array([d.xyxy for d in detections], dtype=np.float64).reshape(-1, 4)
 
 
-def _check_in_image(boxes: FloatArray, depth: DepthMap | ObjectDepths) -> None:
+def _check_in_image(boxes: FloatArray, depth: Depth) -> None:
     if depth.image_size is None or not boxes.size:
         return
     beyond = np.flatnonzero(outside_image(boxes, depth.image_size))
@@ -191,7 +222,7 @@ def _check_in_image(boxes: FloatArray, depth: DepthMap | ObjectDepths) -> None:
         raise ValueError(msg)
 
 
-def _check_masks(detections: Sequence[Detection], depth: DepthMap | ObjectDepths) -> None:
+def _check_masks(detections: Sequence[Detection], depth: Depth) -> None:
     if depth.image_size is None:
         return
     width, height = depth.image_size
@@ -252,4 +283,6 @@ def _reason(witness: PriorChoice, partial: np.bool_, depth: np.float64) -> str:
         return NO_PRIOR
     if partial:
         return PARTIAL
-    return NO_DEPTH if math.isnan(depth) else ""
+    if not math.isnan(depth):
+        return ""
+    return NO_DEPTH if witness.on_ground else OFF_GROUND

@@ -11,27 +11,30 @@ import numpy as np
 from imgscale._typing import DepthKind, FitMethod, FloatArray, ImageSize
 from imgscale.camera import Camera
 from imgscale.columns import (
-    CameraWitness,
-    camera_witness,
+    bystanders_of,
     chosen,
+    firm_witnesses,
     objects_of,
     references_of,
-    with_camera,
+    with_firm,
 )
 from imgscale.core.closed_form import least_squares, mean_ratio
 from imgscale.core.estimator import log_k_std
 from imgscale.core.segments import LogFit
+from imgscale.core.sighting import observe_under
 from imgscale.core.solving import Cases, Problem, closed_form_cases, solve
-from imgscale.core.witnesses import middle_case, observe_under
+from imgscale.core.witnesses import middle_case
+from imgscale.depth import GroundPlane
 from imgscale.detection import Detection
 from imgscale.errors import FitError
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
-from imgscale.observations import NO_DEPTH, NO_PRIOR, PARTIAL, Observations
+from imgscale.observations import NO_DEPTH, NO_PRIOR, OFF_GROUND, PARTIAL, Observations
 from imgscale.prior_choice import MeanKey
 from imgscale.priors import PriorTable
 from imgscale.reference import numbered_labels
+from imgscale.standing import Viewpoint, scene_of, viewpoint
 
 # Inverse depths that differ by less, relative to the largest, are rounding of one.
 _SAME_DEPTH = 1e-9
@@ -43,7 +46,7 @@ class Setting(NamedTuple):
 
     Attributes
     ----------
-    kind, method, priors, noise, camera, image_size, fingerprint, scale_rel_std : object
+    kind, method, priors, noise, camera, ground, image_size, fingerprint, scale_rel_std : object
         As in `ScaleModel`.
     """
 
@@ -52,6 +55,7 @@ class Setting(NamedTuple):
     priors: PriorTable
     noise: Noise
     camera: Camera | None
+    ground: GroundPlane | None
     image_size: ImageSize | None
     fingerprint: int | None
     scale_rel_std: float
@@ -80,14 +84,16 @@ def problem_of(detections: Sequence[Detection], obs: Observations, setting: Sett
     FitError
         If the references do not fix the scale.
     """
-    witnesses = chosen(objects_of(obs), obs.eligible)
-    camera = witness_of(setting)
-    if camera:
-        witnesses = with_camera(witnesses, camera)
-    if not witnesses.image.size:
+    view = view_of(setting)
+    objects = objects_of(obs, view)
+    camera = setting.camera if camera_counts(setting) else None
+    firm = firm_witnesses(camera, setting.ground, setting.scale_rel_std)
+    witnesses = with_firm(chosen(objects, obs.eligible), firm)
+    height = setting.ground and setting.ground.camera_height_m
+    if not (obs.eligible.size or camera or height):
         raise FitError(_no_reference(detections, obs))
-    has_shift = LAWS[setting.kind].has_shift
-    if has_shift:
+    has_shift = LAWS[setting.kind].has_shift and setting.kind != "ground_plane"
+    if has_shift and setting.ground is None:
         check_separable(witnesses.inverse_depth)
     return Problem(
         witnesses=witnesses,
@@ -95,7 +101,26 @@ def problem_of(detections: Sequence[Detection], obs: Observations, setting: Sett
         has_shift=has_shift,
         unknown_noise=obs.unknown_noise,
         exact=setting.method == "posterior",
+        scene=scene_of(view) if view else None,
+        bystanders=bystanders_of(objects, obs.eligible) if view else None,
     )
+
+
+def view_of(source: Setting | ScaleModel) -> Viewpoint | None:
+    """
+    Gather what counts of camera and plane.
+
+    Parameters
+    ----------
+    source : Setting or ScaleModel
+        What holds them.
+
+    Returns
+    -------
+    Viewpoint or None
+        None where there is neither a plane nor a tilt.
+    """
+    return viewpoint(source.kind, source.ground, source.camera, source.image_size, source.noise)
 
 
 def problem_of_model(model: ScaleModel) -> tuple[Problem, list[MeanKey | None]]:
@@ -114,15 +139,18 @@ def problem_of_model(model: ScaleModel) -> tuple[Problem, list[MeanKey | None]]:
     keys : list
         The mean size that each group shares.
     """
-    witnesses, keys = references_of(model)
+    view = view_of(model)
+    columns = references_of(model, view)
     problem = Problem(
-        witnesses=witnesses,
+        witnesses=columns.witnesses,
         n_images=1,
-        has_shift=LAWS[model.kind].has_shift,
+        has_shift=LAWS[model.kind].has_shift and model.kind != "ground_plane",
         unknown_noise=model.depth_rel is not None,
         exact=model.method == "posterior",
+        scene=scene_of(view) if view else None,
+        bystanders=columns.bystanders if view else None,
     )
-    return problem, keys
+    return problem, columns.keys
 
 
 def check_joint(method: str) -> None:
@@ -172,9 +200,9 @@ def check_separable(inverse_depth: FloatArray) -> None:
         raise FitError(msg)
 
 
-def witness_of(setting: Setting) -> CameraWitness | None:
+def camera_counts(setting: Setting) -> bool:
     """
-    Let the camera be a witness where it is one: of k with metric depth, for the two solvers.
+    Tell whether the camera's focal length is a witness of k: with metric depth, for both solvers.
 
     Parameters
     ----------
@@ -183,13 +211,11 @@ def witness_of(setting: Setting) -> CameraWitness | None:
 
     Returns
     -------
-    CameraWitness or None
-        What the camera says.
+    bool
+        True where it is.
     """
     fitted = setting.method in {"robust", "posterior"}
-    if setting.camera is None or setting.kind != "metric" or not fitted:
-        return None
-    return camera_witness(setting.camera, setting.scale_rel_std)
+    return setting.camera is not None and setting.kind == "metric" and fitted
 
 
 def solve_by(method: FitMethod, problem: Problem) -> Cases:
@@ -215,9 +241,10 @@ def solve_by(method: FitMethod, problem: Problem) -> Cases:
     log_obs = observe_under(witnesses, nuisance)
     closed_form = mean_ratio if method == "mean_ratio" else least_squares
     log_mean = witnesses.prior_log + witnesses.prior_var / 2
-    k, share = closed_form(np.exp(witnesses.log_size(nuisance)[0]), np.exp(log_mean))
+    log_size = witnesses.by_depth(nuisance)[0]
+    k, share = closed_form(np.exp(log_size), np.exp(log_mean))
     # its error is the declared one or, where that is more, the scatter
-    own_k = log_mean - witnesses.log_size(nuisance)[0]
+    own_k = log_mean - log_size
     chi2 = float(np.sum(((own_k - math.log(k)) / log_obs.total_std) ** 2))
     scatter = max(1.0, chi2 / max(1, own_k.size - 1))
     fit = LogFit(
@@ -244,6 +271,7 @@ def _no_reference(detections: Sequence[Detection], obs: Observations) -> str:
         "std_m)).",
         PARTIAL: "Partial objects show only a part of their size.",
         NO_DEPTH: "Check that the map has valid depth inside the boxes.",
+        OFF_GROUND: "On a ground plane only objects that stand on it are references.",
     }
     given = "".join(f" {text}" for reason, text in remedies.items() if reason in obs.reason)
     return (

@@ -20,10 +20,10 @@ from imgscale.estimate import SizeEstimate
 from imgscale.flags import Flag
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
-from imgscale.object_depth import usable_depth, with_image_size
+from imgscale.object_depth import with_image_size
 from imgscale.object_prior import SIZE_AXES
 from imgscale.observations import Observations, observe
-from imgscale.posing import check_joint, problem_of_model, solve_by
+from imgscale.posing import check_joint, problem_of_model, solve_by, view_of
 from imgscale.prior_choice import MeanKey
 from imgscale.sizing import Wanted, distances, gather, row_flags, size_up
 
@@ -48,9 +48,10 @@ def predict(
         The scale of the image.
     detections : sequence of Detection
         The objects, known or unknown.
-    depth : DepthMap, ObjectDepths or "mean"
-        Their depth, of the model's kind. "mean" is the paper's rule for objects without a depth:
-        all lie at the mean depth of the references, and the interval takes their scatter.
+    depth : DepthMap, ObjectDepths, GroundPlane or "mean"
+        Their depth, of the model's kind; to be left out where that is the ground plane. "mean" is
+        the paper's rule for objects without a depth: all lie at the mean depth of the references,
+        and the interval takes their scatter.
     axis : str
         "height", "width" or "diameter" (the longer side of the box).
     use_prior : bool
@@ -105,6 +106,8 @@ def predict(
     check_type("use_prior", use_prior, bool)
     check_type("same_scale", same_scale, bool)
     detections = check_detections(detections)
+    if model.kind == "ground_plane" and model.ground and depth is None:
+        depth = model.ground
     if depth is None:
         msg = '`depth` is missing; pass the map, or depth="mean" for the paper\'s rule.'
         raise ValueError(msg)
@@ -114,8 +117,10 @@ def predict(
         depth = _at_mean_depth(model, len(detections))
         shared_flags = Flag.MEAN_DEPTH
     model.check_depth(depth, same_scale=same_scale)
-    usable = with_image_size(usable_depth(depth), model.image_size)
-    obs = observe(detections, usable, model.priors, model.noise, axis=axis, k=model.k)
+    usable = with_image_size(depth, model.image_size)
+    obs = observe(
+        detections, usable, model.priors, model.noise, ground=model.ground, axis=axis, k=model.k
+    )
     if obs.unknown_noise and model.depth_rel is None:  # fitted to depths whose noise was told
         obs = obs._replace(depth_var=obs.depth_var + UNKNOWN_DEPTH_REL**2)
     other_map = False
@@ -125,12 +130,13 @@ def predict(
         obs = obs._replace(depth_var=obs.depth_var + scale_var)
     problem, keys = problem_of_model(model)
     wanted = _wanted(model, detections, obs, keys, use_prior=use_prior)
-    sizes = size_up(solve_by(model.method, problem), wanted)
+    cases = solve_by(model.method, problem)
+    sizes = size_up(cases, wanted)
     return gather(
         detections,
         obs,
         sizes,
-        row_flags(obs, wanted, sizes, problem, shared_flags),
+        row_flags(obs, wanted, sizes, cases, shared_flags),
         distances(model, obs.depth, sizes, wanted.log_k, other_map=other_map),
     )
 
@@ -143,6 +149,12 @@ def _check_rule(word: str) -> None:
 
 def _at_mean_depth(model: ScaleModel, count: int) -> ObjectDepths:
     """Give every object the references' mean depth, with their scatter as its error."""
+    if model.kind == "ground_plane":
+        msg = (
+            '`depth` must be left out for a ground-plane model; got "mean". The feet of objects '
+            "tell their distances."
+        )
+        raise ValueError(msg)
     used = [ref.depth for ref in model.references if ref.used]
     if len(used) < 2:
         msg = (
@@ -196,6 +208,11 @@ def _wanted(
     if use_prior:
         check_joint(model.method)
     own = _own_rows(model, detections, obs)
+    subjects = objects_of(obs, view_of(model))
+    if subjects.stance:
+        seen = {(ref.label, ref.xyxy) for ref in model.references}
+        is_new = np.array([(d.label, d.xyxy) not in seen for d in detections], dtype=np.bool_)
+        subjects = subjects._replace(stance=subjects.stance._replace(is_new=is_new))
     refs = [None if index < 0 else model.references[index] for index in map(int, own)]
     same_axis = np.array(
         [ref is not None and ref.axis == axis for ref, axis in zip(refs, obs.axis, strict=True)],
@@ -206,12 +223,11 @@ def _wanted(
     # a model's candidates are the rows of its problem
     place = np.cumsum([*(ref.candidate for ref in model.references), False]) - 1
     return Wanted(
-        subjects=in_groups(objects_of(obs), detections, obs, keys, model.priors),
+        subjects=in_groups(subjects, detections, obs, keys, model.priors),
         own=np.where(same_axis, place[own], -1),
         share=share,
         common_var=obs.depth_var + np.where(same_axis, obs.box_var, 0.0),
         # the prior of a whole object says nothing of a visible part or a rejected reference
         fuse=use_prior & ~(np.isnan(obs.prior_m) | obs.partial | rejected),
         log_k=np.full(own.size, math.log(model.k)),
-        shift=np.full(own.size, model.shift),
     )

@@ -38,6 +38,11 @@ class PriorChoice(NamedTuple):
     std_m: float
     mean_std_m: float
 
+    @property
+    def on_ground(self) -> bool:
+        """True where the lower edge of the box is where the object stands, as far as is known."""
+        return all(row.on_ground for row in self.rows)
+
 
 def choose_prior(
     label: str,

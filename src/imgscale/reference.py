@@ -15,6 +15,11 @@ __all__ = ["OUTLIER", "Reference", "numbered_labels"]
 OUTLIER = "outlier"
 
 
+def _nans_as_none(values: tuple[float, ...]) -> tuple[float | None, ...]:
+    """Make points that are not known equal."""
+    return tuple(nan_as_none(value) for value in values)
+
+
 @attrs.frozen(kw_only=True)
 class Reference:
     """
@@ -26,6 +31,9 @@ class Reference:
         Its label.
     xyxy : tuple of float
         Its box, in pixels.
+    foot_xy : tuple of float
+        Column and row at which it meets the ground, in pixels; NaN where it does not, or where no
+        ground plane took part.
     axis : str
         The axis through which it is a witness.
     pixels : float
@@ -59,11 +67,13 @@ class Reference:
     mixed : bool
         True where two surfaces share its box, so that the depth may be that of the other.
     reason : str
-        Why it was not used: "no prior", "partial", "no depth" or "outlier"; empty where it was.
+        Why it was not used: "no prior", "partial", "no depth", "not on the ground" or
+        "outlier"; empty where it was.
     """
 
     label: str
     xyxy: Box
+    foot_xy: tuple[float, float] = attrs.field(eq=_nans_as_none)
     axis: SizeAxis
     pixels: float = attrs.field(eq=nan_as_none)
     depth: float = attrs.field(eq=nan_as_none)

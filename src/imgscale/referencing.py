@@ -10,6 +10,7 @@ import numpy as np
 from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.core.mixture import MEDIAN, half_width
 from imgscale.core.predictive import measured, residuals, with_priors
+from imgscale.core.sighting import log_scales
 from imgscale.core.solving import Cases, Estimate
 from imgscale.detection import Detection
 from imgscale.observations import Observations
@@ -60,8 +61,8 @@ def explain_references(
     tuple of Reference
         One per detection.
     """
-    own_k = _own_k(obs, float(estimate.shift[0]))
     columns = _columns(obs, cases, estimate)
+    own_k = columns["own_k"]
     place = {int(row): index for index, row in enumerate(obs.eligible)}
     references: list[Reference] = []
     for row, detection in enumerate(detections):
@@ -76,7 +77,8 @@ def explain_references(
                 pixels=float(obs.pixels[row]),
                 depth=float(obs.depth[row]),
                 metres_per_pixel=float(obs.prior_m[row] / obs.pixels[row]),
-                k=float(own_k[row]),
+                k=math.nan if index is None else float(own_k[index]),
+                foot_xy=(float(obs.feet[row, 0]), float(obs.feet[row, 1])),
                 prior_m=float(obs.prior_m[row]),
                 prior_std_m=float(obs.prior_std_m[row]),
                 prior_mean_std_m=float(obs.prior_mean_std_m[row]),
@@ -100,17 +102,18 @@ def _columns(
     """Gather what the solutions say of the candidates."""
     own = np.arange(obs.eligible.size)
     candidates = cases.witnesses.rows(own)
+    log_scale = log_scales(candidates, cases.best)[0][0]
     rejected = estimate.trust[own] < _REJECTED
     quantiles = with_priors(cases, candidates, own)
     log_size = quantiles[:, MEDIAN].copy()
     if rejected.any():  # its prior does not hold for it: what is left is its measurement
         lost = candidates.rows(rejected)
         quantiles[rejected] = measured(cases, lost).quantiles()
-        log_d = -np.log(lost.inverse_depth + estimate.shift[0])
-        log_size[rejected] = estimate.log_k[0] + log_d + lost.log_pixels
+        log_size[rejected] = estimate.log_k[0] + (log_scale + candidates.log_pixels)[rejected]
     posterior_m = np.exp(log_size)
     kinds = estimate.kinds[own]
     return {
+        "own_k": obs.prior_m[obs.eligible] / np.exp(log_scale + candidates.log_pixels),
         "posterior_m": posterior_m,
         "posterior_std_m": posterior_m * half_width(quantiles),
         "z_score": residuals(cases, candidates, own),
@@ -119,10 +122,3 @@ def _columns(
         "kind": kinds.argmax(axis=1),
         "out": rejected,
     }
-
-
-def _own_k(obs: Observations, shift: float) -> FloatArray:
-    """Compute the k that each object alone gives; NaN without prior or depth."""
-    with np.errstate(invalid="ignore"):
-        own_k: FloatArray = obs.prior_m * (obs.inverse_depth + shift) / obs.pixels
-    return own_k

@@ -10,7 +10,8 @@ import numpy as np
 from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.core.mixture import MEDIAN, SCORES, half_width
 from imgscale.core.predictive import measured, measured_again, with_priors
-from imgscale.core.solving import Cases, Problem
+from imgscale.core.sighting import log_scales
+from imgscale.core.solving import Cases
 from imgscale.core.witnesses import Sized
 from imgscale.detection import Detection
 from imgscale.estimate import SizeEstimate
@@ -41,8 +42,8 @@ class Wanted(NamedTuple):
         Share of the object in log k, 0 where it was no reference.
     fuse : (M,) ndarray of bool
         Where the object's own prior is fused with the measurement.
-    log_k, shift : (M,) ndarray of float64
-        Log of the scale constant and shift of each object's image.
+    log_k : (M,) ndarray of float64
+        Log of the scale constant of each object's image.
     """
 
     subjects: Sized
@@ -51,7 +52,6 @@ class Wanted(NamedTuple):
     share: FloatArray
     fuse: BoolArray
     log_k: FloatArray
-    shift: FloatArray
 
     def rows(self, rows: IntArray) -> Wanted:
         """
@@ -83,6 +83,8 @@ class Sizes(NamedTuple):
         Quantiles at the standard scores, in metres.
     metres_per_pixel : (M,) ndarray of float64
         Scale at each object; NaN where there is none.
+    range_per_focal : (M,) ndarray of float64
+        Its z-depth over the focal length, in m/px.
     is_normal : bool
         True where the logs of the sizes are all normal.
     """
@@ -91,6 +93,7 @@ class Sizes(NamedTuple):
     std_m: FloatArray
     quantiles_m: FloatArray
     metres_per_pixel: FloatArray
+    range_per_focal: FloatArray
     is_normal: bool = True
 
     @classmethod
@@ -108,9 +111,8 @@ class Sizes(NamedTuple):
         Sizes
             All NaN.
         """
-        columns: list[Any] = [np.full(count, np.nan) for _ in range(3)]
-        size_m, std_m, metres_per_pixel = columns
-        return cls(size_m, std_m, np.full((count, SCORES.size), np.nan), metres_per_pixel)
+        nothing = np.full(count, np.nan)
+        return cls(nothing, nothing, np.full((count, SCORES.size), np.nan), nothing, nothing)
 
     def updated(self, rows: IntArray, part: Sizes) -> Sizes:
         """
@@ -148,12 +150,10 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
     Returns
     -------
     Sizes
-        One row each: without a prior the median is exactly k d p.
+        One row each: without a prior the median is exactly k d p, where one witness tells d.
     """
     subjects = wanted.subjects
-    inverse = subjects.inverse_depth + wanted.shift
-    with np.errstate(invalid="ignore", divide="ignore"):
-        log_scale = wanted.log_k - np.log(np.where(inverse > 0, inverse, np.nan))
+    log_scale, log_range = (wanted.log_k + logs[0] for logs in log_scales(subjects, cases.best))
     log_size = log_scale + subjects.log_pixels
     quantiles = np.empty((log_size.size, SCORES.size))
     by_prior, again = wanted.fuse, ~wanted.fuse & (wanted.share > 0)
@@ -165,7 +165,9 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
         quantiles[again] = measured_again(cases, *rows).quantiles()
     if by_prior.any():
         quantiles[by_prior] = with_priors(cases, subjects.rows(by_prior), wanted.own[by_prior])
-        log_size[by_prior] = quantiles[by_prior, MEDIAN]
+    both = _has_both(subjects) & ~by_prior & ~np.isnan(log_size)
+    log_scale = np.where(both, quantiles[:, MEDIAN] - subjects.log_pixels, log_scale)
+    log_size = np.where(both | by_prior, quantiles[:, MEDIAN], log_size)
     one_kind = subjects.prior.share.shape[1] == 1 or not by_prior.any()
     is_normal = cases.grid is None and len(cases.log_weight) == 1 and one_kind
     size_m = np.exp(log_size)
@@ -175,12 +177,21 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
         std_m=size_m * half_width(quantiles),
         quantiles_m=np.where(unknown, np.nan, np.exp(quantiles)),
         metres_per_pixel=np.exp(log_scale),
+        range_per_focal=np.exp(log_range),
         is_normal=is_normal,
     )
 
 
+def _has_both(subjects: Sized) -> BoolArray:
+    """Tell which objects have a depth and a foot."""
+    if subjects.stance is None:
+        return np.zeros(subjects.image.size, dtype=np.bool_)
+    both: BoolArray = np.isfinite(subjects.inverse_depth) & ~np.isnan(subjects.stance.foot)
+    return both
+
+
 def row_flags(
-    obs: Observations, wanted: Wanted, sizes: Sizes, problem: Problem, shared: Flag
+    obs: Observations, wanted: Wanted, sizes: Sizes, cases: Cases, shared: Flag
 ) -> list[Flag]:
     """
     Collect each row's reservations.
@@ -193,8 +204,8 @@ def row_flags(
         What was wanted of them.
     sizes : Sizes
         Their sizes.
-    problem : Problem
-        The references that they rest on.
+    cases : Cases
+        The solutions that they rest on.
     shared : Flag
         Reservations that hold for all.
 
@@ -210,8 +221,8 @@ def row_flags(
         Flag.MIXED_DEPTH: obs.mixed,
         Flag.PARTIAL: obs.partial,
     }
-    if problem.has_shift:
-        columns[Flag.EXTRAPOLATED] = _extrapolated(wanted, problem)
+    if cases.best.shift.any() or cases.best.gap is not None:
+        columns[Flag.EXTRAPOLATED] = _extrapolated(sizes, wanted, cases)
         columns[Flag.BEYOND_HORIZON] = ~np.isnan(obs.depth) & (
             np.isnan(sizes.metres_per_pixel) | np.isposinf(sizes.quantiles_m[:, _TWO_STD])
         )
@@ -221,12 +232,15 @@ def row_flags(
     ]
 
 
-def _extrapolated(wanted: Wanted, problem: Problem) -> BoolArray:
+def _extrapolated(sizes: Sizes, wanted: Wanted, cases: Cases) -> BoolArray:
     """Tell which objects are more than twice as near or as far as any reference."""
-    seen = problem.witnesses.inverse_depth
-    low, high = seen.min() + wanted.shift, seen.max() + wanted.shift
-    inverse = wanted.subjects.inverse_depth + wanted.shift
-    far_off: BoolArray = (inverse < low / _FAR_OFF) | (inverse > high * _FAR_OFF)
+    references = cases.witnesses.rows(~cases.witnesses.firm)
+    if not references.image.size:
+        return np.zeros(sizes.size_m.size, dtype=np.bool_)
+    seen = log_scales(references, cases.best)[1][0]
+    own = np.log(sizes.range_per_focal) - wanted.log_k
+    reach = np.log(_FAR_OFF)
+    far_off: BoolArray = (own < np.nanmin(seen) - reach) | (own > np.nanmax(seen) + reach)
     return far_off
 
 
@@ -239,7 +253,7 @@ def distances(
     other_map: bool = False,
 ) -> FloatArray | None:
     """
-    Compute z-depths: focal length x metres per pixel, or what metric depth itself says.
+    Compute z-depths: focal length x k d, or what metric depth itself says.
 
     Parameters
     ----------
@@ -261,7 +275,7 @@ def distances(
     """
     camera = source.camera
     if source.kind != "metric":
-        return None if camera is None else camera.focal_px * sizes.metres_per_pixel
+        return None if camera is None else camera.focal_px * sizes.range_per_focal
     if camera is None or other_map:
         return depth
     # f k is the map's scale error times the focal length's: the map takes its share of it

@@ -11,6 +11,7 @@ from imgscale._checks import check_type
 from imgscale._typing import FitMethod, IntArray
 from imgscale.columns import objects_of
 from imgscale.core.solving import Problem, estimate
+from imgscale.core.witnesses import Sized
 from imgscale.depth import Depth
 from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
@@ -18,7 +19,7 @@ from imgscale.estimate import SizeEstimate
 from imgscale.fitting import FitOptions, observe_references
 from imgscale.flags import Flag
 from imgscale.observations import Observations
-from imgscale.posing import check_joint, check_separable, problem_of, solve_by
+from imgscale.posing import check_joint, check_separable, problem_of, solve_by, view_of
 from imgscale.priors import PriorTable
 from imgscale.sizing import Sizes, Wanted, distances, gather, row_flags, size_up
 
@@ -92,13 +93,12 @@ def leave_one_out(
     found = estimate(problem, cases)
     nobody = np.full(len(detections), -1, dtype=np.intp)  # none of them was in its own fit
     wanted = Wanted(
-        subjects=objects_of(obs)._replace(group=_groups(obs)),
+        subjects=objects_of(obs, view_of(setting))._replace(group=_groups(obs)),
         own=nobody,
         common_var=np.zeros(nobody.size),
         share=np.zeros(nobody.size),
         fuse=use_prior & ~(np.isnan(obs.prior_m) | obs.partial),
         log_k=np.full(nobody.size, found.log_k[0]),
-        shift=np.full(nobody.size, found.shift[0]),
     )
     rest = np.setdiff1d(np.arange(nobody.size), rows)
     sizes = Sizes.unknown(nobody.size).updated(rest, size_up(cases, wanted.rows(rest)))
@@ -109,7 +109,7 @@ def leave_one_out(
         detections,
         obs,
         sizes,
-        row_flags(obs, wanted, sizes, problem, Flag(0)),
+        row_flags(obs, wanted, sizes, cases, Flag(0)),
         distances(setting, obs.depth, sizes, wanted.log_k),
     )
 
@@ -131,7 +131,7 @@ def _check_enough(labels: Sequence[str], problem: Problem) -> None:
             f"got {labels[0]} alone."
         )
         raise FitError(msg)
-    if problem.has_shift:
+    if problem.has_shift and not problem.plane:
         for row in np.flatnonzero(~firm):
             check_separable(np.delete(problem.witnesses.inverse_depth, row))
 
@@ -142,6 +142,17 @@ def _chunks(problem: Problem, count: int, method: FitMethod) -> Iterator[IntArra
     size = max(1, _ROWS_AT_ONCE // rows) if method in {"robust", "posterior"} else 1
     for start in range(0, count, size):
         yield np.arange(start, min(start + size, count), dtype=np.intp)
+
+
+def _seen_without(problem: Problem, places: IntArray) -> Sized | None:
+    """Let those left out tell of the plane all the same, with the bystanders of all images."""
+    if problem.bystanders is None:
+        return None
+    nobody = np.full(places.size, -1, dtype=np.intp)
+    left_out = problem.witnesses.rows(places)._replace(group=nobody)
+    return problem.bystanders.tiled(places.size, 1).joined(
+        left_out._replace(image=np.arange(places.size))
+    )
 
 
 def _sizes_without(problem: Problem, places: IntArray, method: FitMethod, wanted: Wanted) -> Sizes:
@@ -157,10 +168,11 @@ def _sizes_without(problem: Problem, places: IntArray, method: FitMethod, wanted
     left = problem._replace(
         witnesses=witnesses._replace(image=image, group=group.astype(np.intp)),
         n_images=places.size,
+        bystanders=_seen_without(problem, places),
     )
     cases = solve_by(method, left)
     found = estimate(left, cases)
     subjects = wanted.subjects._replace(
         image=np.arange(places.size), group=np.where(numbers[number] == own, number, -1)
     )
-    return size_up(cases, wanted._replace(subjects=subjects, log_k=found.log_k, shift=found.shift))
+    return size_up(cases, wanted._replace(subjects=subjects, log_k=found.log_k))

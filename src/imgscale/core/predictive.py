@@ -9,10 +9,11 @@ import numpy as np
 from imgscale._typing import FloatArray, IntArray
 from imgscale.core.estimator import log_k_std, view_from_others
 from imgscale.core.mixture import MEDIAN, SCORES, Mixture
-from imgscale.core.posterior import view_on_grid
+from imgscale.core.posterior import log_evidence, view_on_grid
 from imgscale.core.segments import View, normalised
+from imgscale.core.sighting import Sighting, sight, subjects_under
 from imgscale.core.solving import Cases
-from imgscale.core.witnesses import Sized, subjects_under
+from imgscale.core.witnesses import Sized
 
 # Variances below this are rounding.
 _LEAST = 1e-24
@@ -41,7 +42,7 @@ def scale_of(cases: Cases) -> Mixture:
     zeros, sure = np.zeros(n_images), np.ones(n_images, dtype=np.bool_)
     images = cases.witnesses._replace(
         inverse_depth=zeros, log_pixels=zeros, noise_var=zeros, tau=zeros,
-        image=np.arange(n_images), group=np.full(n_images, -1), told=sure, firm=sure,
+        image=np.arange(n_images), group=np.full(n_images, -1), told=sure, firm=sure, stance=None,
     )  # fmt: skip
     return measured(cases, images)
 
@@ -64,18 +65,25 @@ def measured(cases: Cases, subjects: Sized) -> Mixture:
     """
     nobody = np.full(subjects.group.size, -1)
     strangers = subjects._replace(group=nobody, tau=np.zeros(subjects.tau.size))
-    view, log_size, noise_var = _look(cases, strangers, nobody)
+    view, seen = _look(cases, strangers, nobody)
     if cases.grid is None:  # log k as it was fitted, with the error that was declared
-        image = subjects.image + cases.log_weight.shape[1] * np.arange(len(log_size))[:, None]
+        image = (
+            subjects.image + cases.log_weight.shape[1] * np.arange(cases.nuisance.n_cases)[:, None]
+        )
         log_k, log_std = cases.fit.log_k[image], cases.fit.log_std[image]
         view = view._replace(log_k=log_k[..., None], log_k_var=log_std[..., None] ** 2)
-    finite = np.isfinite(log_size)
-    mean = view.log_k + np.where(finite, log_size, 0.0)[..., None]
-    log_weight = view.log_weight - _peak(view.log_weight)
-    cloud = _blended(log_weight, mean, view.log_k_var + noise_var[..., None])
-    # where there is no depth, nothing is known; beyond the horizon the size has no bound
-    lost = np.where(np.isposinf(log_size), np.inf, np.nan)[..., None]
-    return _mix([cloud._replace(mean=np.where(finite[..., None], mean, lost))])
+    log_weight = view.log_weight + seen.log_weight[..., None]
+    log_weight = log_weight - log_weight.max(axis=(0, 1, 3), keepdims=True)
+    clouds: list[Mixture] = []
+    for way in range(len(seen.log_size)):
+        log_size: FloatArray = seen.log_size[way]
+        finite = np.isfinite(log_size)
+        mean = view.log_k + np.where(finite, log_size, 0.0)[..., None]
+        cloud = _blended(log_weight[way], mean, view.log_k_var + seen.variance[way][..., None])
+        # where there is no depth, nothing is known; beyond the horizon the size has no bound
+        lost = np.where(np.isposinf(log_size), np.inf, np.nan)[..., None]
+        clouds.append(cloud._replace(mean=np.where(finite[..., None], mean, lost)))
+    return _mix(clouds)
 
 
 def measured_again(
@@ -109,12 +117,18 @@ def measured_again(
     log_k = cases.fit.log_k.reshape(shape)[:, references.image]
     log_std = cases.fit.log_std if cases.grid is None else log_k_std(cases.obs, cases.fit.share)
     log_k_var = log_std.reshape(shape)[:, references.image] ** 2
-    noise_var = references.noise_under(cases.nuisance)
-    common = common_var + noise_var - references.noise_var
-    variance = np.maximum(log_k_var + noise_var - 2 * share * common, 0.0)
-    mean = log_k + references.log_size(cases.nuisance)
-    weight = normalised(cases.log_weight, 0)[:, references.image]
-    return _mix([Mixture(weight[..., None], mean[..., None], variance[..., None])])
+    seen = sight(references, cases.nuisance)
+    alone = references.noise_var - common_var  # what is its own error, in no way that of k
+    common = seen.variance - alone
+    variance = np.maximum(log_k_var + seen.variance - 2 * share * common, 0.0)
+    mean = log_k + seen.log_size
+    weight = normalised(cases.log_weight, 0)[:, references.image] * seen.share
+    return _mix(
+        [
+            Mixture(*(part[..., None] for part in way))
+            for way in zip(weight, mean, variance, strict=True)
+        ]
+    )
 
 
 def fused(cases: Cases, subjects: Sized, own: IntArray) -> Mixture:
@@ -140,24 +154,28 @@ def fused(cases: Cases, subjects: Sized, own: IntArray) -> Mixture:
     In each case the best linear combination of A = prior - u and B = log k + log(d p), whose
     covariance is -cov(log k, u).
     """
-    view, log_size, noise_var = _look(cases, subjects, own)
-    alone = np.isnan(view.log_k) | ~np.isfinite(log_size)[..., None]
+    view, seen = _look(cases, subjects, own)
     kinds: list[Mixture] = []  # with the logs of the weights
-    for share, kind_mean, kind_var in zip(*(column.T for column in subjects.prior), strict=True):
-        a, b = kind_mean[:, None] - view.offset, view.log_k + log_size[..., None]
-        var_a, var_b = kind_var[:, None] + view.offset_var, view.log_k_var + noise_var[..., None]
-        spread = np.where(alone, 1.0, np.maximum(var_a + var_b + 2 * view.covariance, _LEAST))
-        gap = np.where(alone, 0.0, b - a)
-        gain = np.where(alone, 0.0, (var_a + view.covariance) / spread)
-        with np.errstate(divide="ignore"):
-            log_share = np.log(share)[:, None]
-        kinds.append(
-            Mixture(
-                view.log_weight + log_share - 0.5 * (gap**2 / spread + np.log(spread)),
-                a + gain * gap,
-                np.maximum(var_a - gain * (var_a + view.covariance), 0.0),
+    for way in range(len(seen.log_size)):
+        log_size: FloatArray = seen.log_size[way]
+        alone = np.isnan(view.log_k) | ~np.isfinite(log_size)[..., None]
+        log_weight = view.log_weight + seen.log_weight[way][..., None]
+        noise_var = seen.variance[way][..., None]
+        for share, kind_mean, kind_var in zip(*(part.T for part in subjects.prior), strict=True):
+            a, b = kind_mean[:, None] - view.offset, view.log_k + log_size[..., None]
+            var_a, var_b = kind_var[:, None] + view.offset_var, view.log_k_var + noise_var
+            spread = np.where(alone, 1.0, np.maximum(var_a + var_b + 2 * view.covariance, _LEAST))
+            gap = np.where(alone, 0.0, b - a)
+            gain = np.where(alone, 0.0, (var_a + view.covariance) / spread)
+            with np.errstate(divide="ignore"):
+                log_share = np.log(share)[:, None]
+            kinds.append(
+                Mixture(
+                    log_weight + log_share - 0.5 * (gap**2 / spread + np.log(spread)),
+                    a + gain * gap,
+                    np.maximum(var_a - gain * (var_a + view.covariance), 0.0),
+                )
             )
-        )
     peak = np.max([_peak(kind.weight) for kind in kinds], axis=0)
     return _mix([_blended(kind.weight - peak, kind.mean, kind.variance) for kind in kinds])
 
@@ -226,8 +244,8 @@ def residuals(cases: Cases, candidates: Sized, own: IntArray) -> FloatArray:
     (M,) ndarray of float64
         Observed minus expected log k, in standard errors; NaN where there is no other reference.
     """
-    view, _, _ = _look(cases, candidates, own, declared=True)
-    shape = (cases.nuisance.depth_var.size, -1)
+    view, _ = _look(cases, candidates, own, declared=True)
+    shape = (cases.nuisance.n_cases, -1)
     observed = cases.obs.y.reshape(shape)[:, own][..., None]
     own_var = cases.obs.variance.reshape(shape)[:, own][..., None]
     residual = observed - view.log_k - view.offset
@@ -242,22 +260,28 @@ def residuals(cases: Cases, candidates: Sized, own: IntArray) -> FloatArray:
 
 def _look(
     cases: Cases, subjects: Sized, own: IntArray, *, declared: bool = False
-) -> tuple[View, FloatArray, FloatArray]:
-    """View of each object (K, M, C), its log(d p) and the noise of that (K, M)."""
-    log_size = subjects.log_size(cases.nuisance)
-    noise_var = subjects.noise_under(cases.nuisance)
+) -> tuple[View, Sighting]:
+    """View of each object (K, M, C), and what it looks like (H, K, M)."""
+    seen = sight(subjects, cases.nuisance)
+    if subjects.stance is None or not subjects.stance.is_new.all():
+        # a foot that was a witness of the plane is in the weights of the cases
+        is_new = False if subjects.stance is None else subjects.stance.is_new
+        known = seen.log_weight - np.where(is_new, 0.0, seen.evidence)
+        seen = seen._replace(log_weight=known)
     columns = subjects_under(subjects, own, cases.witnesses, cases.nuisance)
     if cases.grid is not None:
         view = view_on_grid(cases.grid, columns)
-        log_prior = cases.nuisance.log_prior[:, subjects.image]
+        log_prior = (cases.log_weight - log_evidence(cases.grid).reshape(cases.log_weight.shape))[
+            :, subjects.image
+        ]
     else:
         fit = cases.fit
         if declared:  # by the errors as they were told, so that a disagreement shows
             fit = fit._replace(weight=fit.trust / cases.obs.variance)
         view = view_from_others(cases.obs, fit, columns)
         log_prior = cases.log_weight[:, subjects.image]
-    view = View(*(column.reshape(*log_size.shape, column.shape[1]) for column in view))
-    return view._replace(log_weight=view.log_weight + log_prior[..., None]), log_size, noise_var
+    view = View(*(column.reshape(*seen.log_size.shape[1:], column.shape[1]) for column in view))
+    return view._replace(log_weight=view.log_weight + log_prior[..., None]), seen
 
 
 def _blended(log_weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Mixture:

@@ -16,7 +16,8 @@ from imgscale._typing import FloatArray
 from imgscale.core.estimator import fit_robust, tukey
 from imgscale.core.evidence import robust_evidence
 from imgscale.core.segments import LogObservations, sum_by
-from imgscale.core.witnesses import Nuisance, Sized, middle_case, observe_under
+from imgscale.core.sighting import observe_under
+from imgscale.core.witnesses import Nuisance, Sized, middle_case
 
 # Where c may lie, in units of the spread of D; farther where the prior of b is wider.
 _NEAREST, _FARTHEST = 1e-3, 1e2
@@ -57,7 +58,7 @@ def shift_cases(
     The prior of b is normal about 0 with the larger of the median size and the standard deviation
     of D: it shrinks towards no shift and gives way to data.
     """
-    scale = _scales(witnesses, n_images)
+    scale = shift_scales(witnesses, n_images)
     starts = np.linspace(scale.low, scale.high, _STARTS)
     log_c, std = _newton(witnesses, scale, _best(witnesses, scale, starts), unknown_noise)
     fine = log_c + std * np.linspace(-_FINE_REACH, _FINE_REACH, _FINE)[:, None]
@@ -69,12 +70,25 @@ def shift_cases(
     log_prior = _log_prior(shift, scale) + cases + np.log(stretch)
     log_weight = log_prior + _evidence(witnesses, shift, 0.0, unknown_noise=unknown_noise)
     likely = (log_weight > log_weight.max(axis=0) - _NEGLIGIBLE).any(axis=1)
-    count = int(likely.sum())
-    return scale.shift(log_c), Nuisance(shift[likely], np.zeros(count), log_prior[likely])
+    spread = Nuisance(shift, np.zeros_like(shift), log_prior)
+    return scale.shift(log_c), spread.cases(likely)
 
 
-class _Scale(NamedTuple):
-    """Smallest D of each image, spread of D, width of the shift's prior, and bounds of log c."""
+class ShiftScale(NamedTuple):
+    """
+    The scale of each image's shift, whatever the scaling and offset of its depths.
+
+    Attributes
+    ----------
+    nearest : (n_images,) ndarray of float64
+        Smallest inverse depth D of a reference.
+    spread : (n_images,) ndarray of float64
+        Spread of D.
+    width : (n_images,) ndarray of float64
+        Standard deviation of the prior of the shift.
+    low, high : (n_images,) ndarray of float64
+        Bounds of log c.
+    """
 
     nearest: FloatArray
     spread: FloatArray
@@ -83,28 +97,58 @@ class _Scale(NamedTuple):
     high: FloatArray
 
     def shift(self, log_c: FloatArray) -> FloatArray:
+        """
+        Compute the shift.
+
+        Parameters
+        ----------
+        log_c : (..., n_images) ndarray of float
+            Log of (smallest D + b) / spread.
+
+        Returns
+        -------
+        (..., n_images) ndarray of float64
+            The shift b.
+        """
         return self.spread * np.exp(log_c) - self.nearest
 
 
-def _scales(witnesses: Sized, n_images: int) -> _Scale:
+def shift_scales(witnesses: Sized, n_images: int) -> ShiftScale:
+    """
+    Scale the shift of each image.
+
+    Parameters
+    ----------
+    witnesses : Sized
+        References, at least one of each image.
+    n_images : int
+        Number of images.
+
+    Returns
+    -------
+    ShiftScale
+        The scales.
+    """
     columns: list[tuple[float, float, float]] = []
     for image in range(n_images):
         inverse = witnesses.inverse_depth[(witnesses.image == image) & ~witnesses.firm]
         width = max(abs(float(np.median(inverse))), float(inverse.std()))
-        columns.append((float(inverse.min()), float(np.ptp(inverse)), width))
-    nearest, spread, width = np.array(columns).T
+        # one reference, or all at one depth: something else must tell the shift
+        spread = float(np.ptp(inverse)) or width
+        columns.append((float(inverse.min()), spread, width))
+    nearest, spread_, width_ = np.array(columns).T
     low = np.full(n_images, np.log(_NEAREST))
-    high = np.log(np.maximum(_FARTHEST, 5 * width / spread))
-    return _Scale(nearest, spread, width, low, high)
+    high = np.log(np.maximum(_FARTHEST, 5 * width_ / spread_))
+    return ShiftScale(nearest, spread_, width_, low, high)
 
 
-def _log_prior(shift: FloatArray, scale: _Scale) -> FloatArray:
+def _log_prior(shift: FloatArray, scale: ShiftScale) -> FloatArray:
     """Log of the prior density of the shift."""
     log_prior: FloatArray = -0.5 * (shift / scale.width) ** 2
     return log_prior
 
 
-def _best(witnesses: Sized, scale: _Scale, starts: FloatArray) -> FloatArray:
+def _best(witnesses: Sized, scale: ShiftScale, starts: FloatArray) -> FloatArray:
     """Best of some values of log c, seen through the noise that their distance makes."""
     shift = scale.shift(starts)
     evidence = _evidence(witnesses, shift, _FIRST_NOISE, unknown_noise=False)
@@ -125,7 +169,7 @@ def _evidence(
 
 def _newton(
     witnesses: Sized,
-    scale: _Scale,
+    scale: ShiftScale,
     log_c: FloatArray,
     unknown_noise: bool,  # noqa: FBT001
 ) -> tuple[FloatArray, FloatArray]:
@@ -155,7 +199,7 @@ def _step(
     slope: FloatArray,
     log_c: FloatArray,
     shift: FloatArray,
-    scale: _Scale,
+    scale: ShiftScale,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """One step of log k and log c, at most 1 long, and the standard error of log c."""
     residual = obs.y - log_k[obs.image]

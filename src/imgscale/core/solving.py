@@ -1,8 +1,9 @@
 """
-The one core: from references, and what is not known of their depths, to log k.
+The one core: from references, and what is not known of their depths and plane, to log k.
 
-Each case of the nuisances (shift, depth noise) is solved by one of two solvers, the fast robust one
-or the exact posterior; prior and evidence weigh the cases. Arrays only, many images at once.
+Each case of the nuisances (shift, depth noise, plane) is solved by one of two solvers, the fast
+robust one or the exact posterior; prior and evidence weigh the cases. Arrays only, many images at
+once.
 """
 
 from __future__ import annotations
@@ -14,17 +15,13 @@ import numpy as np
 from imgscale._typing import BoolArray, FloatArray
 from imgscale.core.estimator import disagree, fit_robust
 from imgscale.core.evidence import robust_evidence
+from imgscale.core.plane import plane_cases, tilt_cases
 from imgscale.core.posterior import GridFit, believe, fit_grid, log_evidence
 from imgscale.core.segments import MIN_VARIANCE, LogFit, LogObservations, normalised
 from imgscale.core.shift import shift_cases
-from imgscale.core.witnesses import (
-    Nuisance,
-    Sized,
-    crossed,
-    middle_case,
-    noise_cases,
-    observe_under,
-)
+from imgscale.core.sighting import observe_under, plane_evidence
+from imgscale.core.unknowns import Scene
+from imgscale.core.witnesses import UNKNOWN_DEPTH_REL, Nuisance, Sized, crossed, noise_cases
 
 
 class Problem(NamedTuple):
@@ -43,6 +40,10 @@ class Problem(NamedTuple):
         True where nobody told the noise of the depths.
     exact : bool
         Solve by the exact posterior; else by the robust estimator.
+    scene : Scene or None
+        What is known of plane and tilt; None where neither counts.
+    bystanders : Sized or None
+        Objects that are no references, whose feet tell of the plane all the same.
     """
 
     witnesses: Sized
@@ -50,6 +51,13 @@ class Problem(NamedTuple):
     has_shift: bool
     unknown_noise: bool
     exact: bool
+    scene: Scene | None = None
+    bystanders: Sized | None = None
+
+    @property
+    def plane(self) -> Scene | None:
+        """The scene, where it has a plane."""
+        return self.scene if self.scene and self.scene.has_plane else None
 
 
 class Cases(NamedTuple):
@@ -72,8 +80,8 @@ class Cases(NamedTuple):
         Probability that each reference is sound and of the kind j of its label.
     log_weight : (K, n_images) ndarray of float64
         Log of prior times evidence.
-    shift : (n_images,) ndarray of float64
-        The best shift, 0 where there is none.
+    best : Nuisance
+        One case: the best shift, 0 where there is none, and the best plane.
     """
 
     witnesses: Sized
@@ -83,12 +91,37 @@ class Cases(NamedTuple):
     grid: GridFit | None
     kinds: FloatArray
     log_weight: FloatArray
-    shift: FloatArray
+    best: Nuisance
 
     @property
     def weight(self) -> FloatArray:
         """Probability of each case, (K, n_images)."""
         return normalised(self.log_weight, 0)
+
+
+class PlaneEstimate(NamedTuple):
+    """
+    Horizon and plane of the images, and their standard deviations.
+
+    Attributes
+    ----------
+    horizon, horizon_std : (n_images,) ndarray of float64
+        Row of the horizon below the principal point.
+    slope, slope_std : (n_images,) ndarray of float64
+        How far the plane falls off sideways.
+    log_height, log_height_std : (n_images,) ndarray of float64
+        Log of the camera's height.
+    correlation : (n_images,) ndarray of float64
+        Correlation of log k and the horizon.
+    """
+
+    horizon: FloatArray
+    horizon_std: FloatArray
+    slope: FloatArray
+    slope_std: FloatArray
+    log_height: FloatArray
+    log_height_std: FloatArray
+    correlation: FloatArray
 
 
 class Estimate(NamedTuple):
@@ -98,7 +131,7 @@ class Estimate(NamedTuple):
     Attributes
     ----------
     log_k : (n_images,) ndarray of float64
-        Log of the scale constant, at the shift.
+        Log of the scale constant, at the best shift and plane.
     shift, shift_std : (n_images,) ndarray of float64
         Shift of the inverse depth and its standard deviation.
     correlation : (n_images,) ndarray of float64
@@ -111,6 +144,8 @@ class Estimate(NamedTuple):
         How far each reference was believed, the precision and the share in log k that it kept.
     kinds : (N, J) ndarray of float64
         Probability that it is sound and of the kind j of its label.
+    plane : PlaneEstimate or None
+        Where there is one.
     """
 
     log_k: FloatArray
@@ -123,6 +158,7 @@ class Estimate(NamedTuple):
     precision: FloatArray
     share: FloatArray
     kinds: FloatArray
+    plane: PlaneEstimate | None
 
 
 def solve(problem: Problem) -> Cases:
@@ -139,13 +175,28 @@ def solve(problem: Problem) -> Cases:
     Cases
         The solutions.
     """
-    nuisance = noise_cases(problem.n_images, unknown_noise=problem.unknown_noise)
-    if not problem.has_shift:
-        return _solve_cases(problem, nuisance)
-    best, shifts = shift_cases(
-        problem.witnesses, problem.n_images, unknown_noise=problem.unknown_noise
-    )
-    return _solve_cases(problem, crossed(nuisance, shifts))._replace(shift=best)
+    noise = noise_cases(problem.n_images, unknown_noise=problem.unknown_noise)
+    if problem.plane:
+        nobody = problem.witnesses.rows(np.zeros(0, dtype=np.intp))
+        best, cases = plane_cases(
+            problem.witnesses,
+            nobody if problem.bystanders is None else problem.bystanders,
+            problem.plane,
+            noise,
+            has_shift=problem.has_shift,
+        )
+        return _solve_cases(problem, cases, best)
+    best = others = _nothing_else(problem.n_images)
+    if problem.has_shift:
+        shift, others = shift_cases(
+            problem.witnesses, problem.n_images, unknown_noise=problem.unknown_noise
+        )
+        best = best._replace(shift=shift[None])
+    if problem.scene:
+        tilt = tilt_cases(problem.scene, problem.n_images)
+        others = _tilted(others, tilt)
+        best = _tilted(best, tilt.cases(np.array([tilt.n_cases // 2])))
+    return _solve_cases(problem, crossed(noise, others), best)
 
 
 def closed_form_cases(witnesses: Sized, nuisance: Nuisance, fit: LogFit) -> Cases:
@@ -175,7 +226,7 @@ def closed_form_cases(witnesses: Sized, nuisance: Nuisance, fit: LogFit) -> Case
         grid=None,
         kinds=kinds[None],
         log_weight=np.zeros((1, 1)),
-        shift=np.zeros(1),
+        best=nuisance,
     )
 
 
@@ -196,21 +247,15 @@ def estimate(problem: Problem, cases: Cases) -> Estimate:
         The numbers to report.
     """
     weight, nuisance = cases.weight, cases.nuisance
-    middle = cases.shift
-    shift_var = (weight * (nuisance.shift - middle) ** 2).sum(axis=0)
     log_k = cases.fit.log_k.reshape(weight.shape)
     log_k_var = cases.fit.log_std.reshape(weight.shape) ** 2
-    centre = (weight * log_k).sum(axis=0)
-    log_k_var = (weight * (log_k_var + (log_k - centre) ** 2)).sum(axis=0)
-    covariance = (weight * (log_k - centre) * (nuisance.shift - middle)).sum(axis=0)
-    spread = np.sqrt(log_k_var * shift_var)
-    log_noise = np.log(np.maximum(nuisance.depth_var, MIN_VARIANCE))[:, None]
-    at_shift = cases
-    if problem.has_shift:
-        noise = noise_cases(problem.n_images, unknown_noise=problem.unknown_noise)
-        fixed = Nuisance(middle[None, :], np.zeros(1), np.zeros((1, problem.n_images)))
-        at_shift = _solve_cases(problem, crossed(noise, fixed))
-    weight = at_shift.weight
+    shift = _moments(weight, log_k, log_k_var, nuisance.shift, cases.best.shift[0])
+    log_noise = np.log(np.maximum(nuisance.depth_var, MIN_VARIANCE))
+    noise = noise_cases(problem.n_images, unknown_noise=problem.unknown_noise)
+    at_best = cases
+    if problem.has_shift or problem.scene:
+        at_best = _solve_cases(problem, crossed(noise, cases.best), cases.best)
+    weight = at_best.weight
     of_row = weight[:, problem.witnesses.image]
     rows = of_row.shape
 
@@ -218,22 +263,85 @@ def estimate(problem: Problem, cases: Cases) -> Estimate:
         result: FloatArray = (of_row * column.reshape(rows)).sum(axis=0)
         return result
 
-    one = middle_case(middle[None, :], unknown_noise=problem.unknown_noise)
+    log_k_best = (weight * at_best.fit.log_k.reshape(weight.shape)).sum(axis=0)
+    middle = cases.best._replace(
+        depth_var=np.full_like(cases.best.shift, UNKNOWN_DEPTH_REL**2 * problem.unknown_noise)
+    )
     return Estimate(
-        log_k=(weight * at_shift.fit.log_k.reshape(weight.shape)).sum(axis=0),
-        shift=middle,
-        shift_std=np.sqrt(shift_var),
-        correlation=np.where(spread > 0, covariance / np.where(spread > 0, spread, 1.0), 0.0),
+        log_k=log_k_best,
+        shift=cases.best.shift[0],
+        shift_std=shift.std,
+        correlation=shift.correlation,
         depth_rel=np.exp((cases.weight * log_noise).sum(axis=0) / 2),
-        inconsistent=disagree(observe_under(problem.witnesses, one)),
-        trust=mixed(at_shift.fit.trust),
-        precision=mixed(at_shift.fit.weight),
-        share=mixed(at_shift.fit.share),
-        kinds=(of_row[:, :, None] * at_shift.kinds).sum(axis=0),
+        inconsistent=disagree(observe_under(problem.witnesses, middle)),
+        trust=mixed(at_best.fit.trust),
+        precision=mixed(at_best.fit.weight),
+        share=mixed(at_best.fit.share),
+        kinds=(of_row[:, :, None] * at_best.kinds).sum(axis=0),
+        plane=_plane(cases, log_k, log_k_var, log_k_best) if problem.plane else None,
     )
 
 
-def _solve_cases(problem: Problem, nuisance: Nuisance) -> Cases:
+class _Moments(NamedTuple):
+    """Standard deviation of a nuisance, and its correlation with log k."""
+
+    std: FloatArray
+    correlation: FloatArray
+
+
+def _moments(
+    weight: FloatArray,
+    log_k: FloatArray,
+    log_k_var: FloatArray,
+    values: FloatArray,
+    middle: FloatArray,
+) -> _Moments:
+    """Sum up a nuisance, about its best value, over all cases."""
+    centre = (weight * log_k).sum(axis=0)
+    variance = (weight * (values - middle) ** 2).sum(axis=0)
+    covariance = (weight * (log_k - centre) * (values - middle)).sum(axis=0)
+    spread = np.sqrt((weight * (log_k_var + (log_k - centre) ** 2)).sum(axis=0) * variance)
+    correlation = np.where(spread > 0, covariance / np.where(spread > 0, spread, 1.0), 0.0)
+    return _Moments(np.sqrt(variance), correlation)
+
+
+def _plane(
+    cases: Cases, log_k: FloatArray, log_k_var: FloatArray, log_k_best: FloatArray
+) -> PlaneEstimate:
+    """Sum the plane up."""
+    nuisance, best, weight = cases.nuisance, cases.best, cases.weight
+    columns = (nuisance.horizon, nuisance.slope, nuisance.gap, best.horizon, best.slope, best.gap)
+    horizon, slope, gap, best_horizon, best_slope, best_gap = (
+        np.zeros((1, 1)) if column is None else column for column in columns
+    )
+    of_horizon = _moments(weight, log_k, log_k_var, horizon, best_horizon[0])
+    log_height = log_k_best + best_gap[0]
+    height_var = (weight * (log_k_var + (log_k + gap - log_height) ** 2)).sum(axis=0)
+    return PlaneEstimate(
+        horizon=best_horizon[0],
+        horizon_std=of_horizon.std,
+        slope=best_slope[0],
+        slope_std=_moments(weight, log_k, log_k_var, slope, best_slope[0]).std,
+        log_height=log_height,
+        log_height_std=np.sqrt(height_var),
+        correlation=of_horizon.correlation,
+    )
+
+
+def _nothing_else(n_images: int) -> Nuisance:
+    """Make the one case of no shift."""
+    zero = np.zeros((1, n_images))
+    return Nuisance(zero, zero, zero)
+
+
+def _tilted(others: Nuisance, tilt: Nuisance) -> Nuisance:
+    """Combine cases of the shift with cases of the tilt."""
+    both = crossed(tilt, others)
+    horizon = None if tilt.horizon is None else np.repeat(tilt.horizon, others.n_cases, axis=0)
+    return both._replace(horizon=horizon)
+
+
+def _solve_cases(problem: Problem, nuisance: Nuisance, best: Nuisance) -> Cases:
     """Solve every case by the problem's solver."""
     obs = observe_under(problem.witnesses, nuisance)
     if problem.exact:
@@ -244,13 +352,19 @@ def _solve_cases(problem: Problem, nuisance: Nuisance) -> Cases:
         grid, fit = None, fit_robust(obs)
         kinds = fit.trust[:, None] * obs.kinds.share
         evidence = robust_evidence(obs, fit)
+    log_weight = nuisance.log_prior + evidence.reshape(nuisance.log_prior.shape)
+    for objects in (problem.witnesses, problem.bystanders):
+        if objects is not None:
+            log_weight = log_weight + plane_evidence(objects, nuisance)
+    n_kinds = problem.witnesses.prior.share.shape[1]
     return Cases(
         witnesses=problem.witnesses,
         nuisance=nuisance,
         obs=obs,
         fit=fit,
         grid=grid,
-        kinds=kinds.reshape(nuisance.depth_var.size, -1, kinds.shape[1]),
-        log_weight=nuisance.log_prior + evidence.reshape(nuisance.log_prior.shape),
-        shift=np.zeros(problem.n_images),
+        # a kind of thing may stand there in several ways
+        kinds=kinds.reshape(nuisance.n_cases, len(problem.witnesses.image), n_kinds, -1).sum(3),
+        log_weight=log_weight,
+        best=best,
     )

@@ -1,19 +1,20 @@
 """
-References and other objects while shift and noise of their depths are still open.
+References and other objects while the shift and noise of their depths and the plane are still open.
 
-A `Nuisance` is a grid of values of these two; under each of them the references are plain
+A `Nuisance` holds cases of what is not known; under each of them the references are plain
 observations of log k (`imgscale.core.segments`), so that one core solves every kind of depth.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray
-from imgscale.core.segments import MIN_VARIANCE, LogObservations, Parts, Subjects
+from imgscale.core.segments import Parts
+from imgscale.core.stance import Stance
 
 # Depth noise that nobody told: 5 % within a factor of 2.2, what stereo and networks give, on a grid
 # from 1 to 53 %.
@@ -46,6 +47,8 @@ class Sized(NamedTuple):
         True where the noise of the depth was told, whatever is not known of others'.
     firm : (N,) ndarray of bool
         True for a camera, whose own log k is `prior_log`.
+    stance : Stance or None
+        Where the boxes lie, where a ground plane or a tilt counts.
     """
 
     inverse_depth: FloatArray
@@ -59,6 +62,7 @@ class Sized(NamedTuple):
     group: IntArray
     told: BoolArray
     firm: BoolArray
+    stance: Stance | None = None
 
     def rows(self, rows: IntArray | BoolArray) -> Sized:
         """
@@ -74,15 +78,50 @@ class Sized(NamedTuple):
         Sized
             The rows.
         """
-        columns: list[Any] = [
-            Parts(*(kind[rows] for kind in column)) if isinstance(column, Parts) else column[rows]
-            for column in self
-        ]
-        return Sized(*columns)
+        return Sized(*(_picked(column, rows) for column in self))
 
-    def log_size(self, nuisance: Nuisance) -> FloatArray:
+    def joined(self, more: Sized) -> Sized:
         """
-        Compute the log of d p, the size for k = 1.
+        Add rows.
+
+        Parameters
+        ----------
+        more : Sized
+            The rows, with as many kinds of thing.
+
+        Returns
+        -------
+        Sized
+            First these, then those.
+        """
+        return Sized(*(_joined(*pair) for pair in zip(self, more, strict=True)))
+
+    def tiled(self, count: int, n_images: int) -> Sized:
+        """
+        Repeat the objects as those of other images.
+
+        Parameters
+        ----------
+        count : int
+            How often.
+        n_images : int
+            Number of images.
+
+        Returns
+        -------
+        Sized
+            Image i of the repetition j has the number ``i + j n_images``, groups likewise.
+        """
+        n_groups = int(self.group.max(initial=-1)) + 1
+        repeated = self.rows(np.tile(np.arange(self.image.size), count))
+        return repeated._replace(
+            image=numbered(self.image, count, n_images),
+            group=numbered(self.group, count, n_groups),
+        )
+
+    def by_depth(self, nuisance: Nuisance) -> FloatArray:
+        """
+        Compute the log of d p from the depths, the size for k = 1.
 
         Parameters
         ----------
@@ -101,7 +140,7 @@ class Sized(NamedTuple):
 
     def noise_under(self, nuisance: Nuisance) -> FloatArray:
         """
-        Compute the variance of log(d p) with the part that was not told.
+        Compute the variance of log(d p) from the depths with the part that was not told.
 
         Parameters
         ----------
@@ -113,26 +152,54 @@ class Sized(NamedTuple):
         (K, N) ndarray of float64
             One row for each case.
         """
-        return self.noise_var + np.where(self.told, 0.0, nuisance.depth_var[:, None])
+        return self.noise_var + np.where(self.told, 0.0, nuisance.depth_var[:, self.image])
 
 
 class Nuisance(NamedTuple):
     """
-    K cases of what is not known of the depths, and how probable each is.
+    K cases of what is not known of depths and plane, and how probable each is.
 
     Attributes
     ----------
     shift : (K, n_images) ndarray of float64
         The shift b of the inverse depth.
-    depth_var : (K,) ndarray of float64
+    depth_var : (K, n_images) ndarray of float64
         Variance of the log depths beyond what was told.
     log_prior : (K, n_images) ndarray of float64
         Log of the probability of each case, up to a constant.
+    horizon : (K, n_images) ndarray of float64 or None
+        Row of the horizon below the principal point; None where no tilt is known.
+    slope, gap : (K, n_images) ndarray of float64 or None
+        How far the plane falls off sideways, and log(camera height / k); None without a plane.
     """
 
     shift: FloatArray
     depth_var: FloatArray
     log_prior: FloatArray
+    horizon: FloatArray | None = None
+    slope: FloatArray | None = None
+    gap: FloatArray | None = None
+
+    @property
+    def n_cases(self) -> int:
+        """Number of cases."""
+        return len(self.shift)
+
+    def cases(self, rows: IntArray | BoolArray) -> Nuisance:
+        """
+        Take some cases.
+
+        Parameters
+        ----------
+        rows : (K,) ndarray of int or bool
+            Which.
+
+        Returns
+        -------
+        Nuisance
+            The cases.
+        """
+        return Nuisance(*(_picked(column, rows) for column in self))
 
 
 def noise_cases(n_images: int, *, unknown_noise: bool) -> Nuisance:
@@ -155,7 +222,7 @@ def noise_cases(n_images: int, *, unknown_noise: bool) -> Nuisance:
     size = UNKNOWN_DEPTH_REL * np.exp(math.log(_UNKNOWN_FACTOR) * scores) * unknown_noise
     return Nuisance(
         shift=np.zeros((scores.size, n_images)),
-        depth_var=size**2,
+        depth_var=np.repeat(size[:, None] ** 2, n_images, axis=1),
         log_prior=np.repeat(-(scores[:, None] ** 2) / 2, n_images, axis=1),
     )
 
@@ -176,110 +243,78 @@ def middle_case(shift: FloatArray, *, unknown_noise: bool) -> Nuisance:
     Nuisance
         K cases, equally probable.
     """
-    noise_var = UNKNOWN_DEPTH_REL**2 * unknown_noise
     return Nuisance(
         shift=shift,
-        depth_var=np.full(shift.shape[0], noise_var),
+        depth_var=np.full_like(shift, UNKNOWN_DEPTH_REL**2 * unknown_noise),
         log_prior=np.zeros_like(shift),
     )
 
 
-def crossed(noise: Nuisance, shifts: Nuisance) -> Nuisance:
+def crossed(noise: Nuisance, others: Nuisance) -> Nuisance:
     """
-    Combine cases of the noise with cases of the shift.
+    Combine cases of the noise with cases of everything else.
 
     Parameters
     ----------
     noise : Nuisance
         K cases of the noise.
-    shifts : Nuisance
-        B cases of the shift.
+    others : Nuisance
+        B cases of shift and plane.
 
     Returns
     -------
     Nuisance
         The K B cases.
     """
-    count, repeats = shifts.depth_var.size, noise.depth_var.size
-    return Nuisance(
-        shift=np.tile(shifts.shift, (repeats, 1)),
-        depth_var=np.repeat(noise.depth_var, count),
-        log_prior=np.repeat(noise.log_prior, count, axis=0)
-        + np.tile(shifts.log_prior, (repeats, 1)),
+    count, repeats = others.n_cases, noise.n_cases
+    tiled = [None if column is None else np.tile(column, (repeats, 1)) for column in others]
+    both = Nuisance(*tiled)  # type: ignore[arg-type]  # its first three are arrays
+    return both._replace(
+        depth_var=np.repeat(noise.depth_var, count, axis=0),
+        log_prior=both.log_prior + np.repeat(noise.log_prior, count, axis=0),
     )
 
 
-def observe_under(witnesses: Sized, nuisance: Nuisance) -> LogObservations:
+def numbered(number: IntArray, count: int, step: int) -> IntArray:
     """
-    Turn references into observations of log k, one image for each case and image.
+    Repeat numbers for each case.
 
     Parameters
     ----------
-    witnesses : Sized
-        N references of n_images images in n_groups groups.
-    nuisance : Nuisance
-        K cases.
+    number : (N,) ndarray of int
+        The numbers; -1 stays.
+    count : int
+        How often.
+    step : int
+        What is added from one case to the next.
 
     Returns
     -------
-    LogObservations
-        K N rows, case by case; image number ``case * n_images + image``, groups likewise.
+    (count N,) ndarray of int
+        The numbers, case by case.
     """
-    count = nuisance.depth_var.size
-    log_size = witnesses.log_size(nuisance).ravel()
-    noise_var = witnesses.noise_under(nuisance).ravel()
-    prior = Parts(*(np.tile(column, (count, 1)) for column in witnesses.prior))
-    kinds = Parts(
-        share=prior.share,
-        mean=prior.mean - log_size[:, None],
-        variance=np.maximum(prior.variance + noise_var[:, None], MIN_VARIANCE),
-    )
-    n_images, n_groups = nuisance.shift.shape[1], int(witnesses.group.max(initial=-1)) + 1
-    return LogObservations(
-        y=np.tile(witnesses.prior_log, count) - log_size,
-        variance=np.maximum(np.tile(witnesses.prior_var, count) + noise_var, MIN_VARIANCE),
-        tau=np.tile(witnesses.tau, count),
-        image=_numbered(witnesses.image, count, n_images),
-        group=_numbered(witnesses.group, count, n_groups),
-        firm=np.tile(witnesses.firm, count),
-        mixture=kinds,
-    )
-
-
-def subjects_under(
-    subjects: Sized, own: IntArray, witnesses: Sized, nuisance: Nuisance
-) -> Subjects:
-    """
-    Give objects the numbers that `observe_under` gives references.
-
-    Parameters
-    ----------
-    subjects : Sized
-        M objects.
-    own : (M,) ndarray of int
-        Which reference each was; -1 for none.
-    witnesses : Sized
-        The references.
-    nuisance : Nuisance
-        K cases.
-
-    Returns
-    -------
-    Subjects
-        K M rows, case by case.
-    """
-    count, n_images = nuisance.shift.shape
-    n_groups = int(witnesses.group.max(initial=-1)) + 1
-    return Subjects(
-        image=_numbered(subjects.image, count, n_images),
-        group=_numbered(subjects.group, count, n_groups),
-        tau=np.tile(subjects.tau, count),
-        own=_numbered(own, count, witnesses.image.size),
-    )
-
-
-def _numbered(number: IntArray, count: int, step: int) -> IntArray:
-    """Repeat numbers for each case, shifted by `step`; -1 stays."""
     shifted = number + step * np.arange(count)[:, None]
-    numbered: IntArray = np.where(number < 0, -1, shifted).ravel()
-    return numbered
+    result: IntArray = np.where(number < 0, -1, shifted).ravel()
+    return result
+
+
+def _picked(column: Any, rows: IntArray | BoolArray) -> Any:
+    """Take rows of a column, of a table of columns or of nothing."""
+    if column is None:
+        return None
+    if isinstance(column, tuple):
+        parts = cast("tuple[FloatArray, ...]", column)
+        kind = cast("Any", type(cast("object", column)))
+        return kind(*(part[rows] for part in parts))
+    return column[rows]
+
+
+def _joined(first: Any, second: Any) -> Any:
+    """Join two columns, tables of columns or nothings."""
+    if first is None:
+        return None
+    if isinstance(first, tuple):
+        pairs = zip(cast("tuple[FloatArray, ...]", first), second, strict=True)
+        kind = cast("Any", type(cast("object", first)))
+        return kind(*(np.concatenate(pair) for pair in pairs))
+    return np.concatenate([first, second])

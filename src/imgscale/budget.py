@@ -1,0 +1,252 @@
+"""Where the error of k, and of every size, comes from."""
+
+from __future__ import annotations
+
+import math
+
+import attrs
+import numpy as np
+
+from imgscale._checks import nan_as_none
+from imgscale._typing import FloatArray, SizeAxis
+from imgscale.estimate import SizeEstimate
+from imgscale.extent import extent_rel_std
+from imgscale.laws import LAWS
+from imgscale.model import ScaleModel
+from imgscale.prior_choice import log_moments, mean_key, rows_along
+from imgscale.reference import Reference
+
+__all__ = ["ScaleBudget", "SizeBudget"]
+
+
+@attrs.frozen(kw_only=True)
+class ScaleBudget:
+    """
+    What the error of the scale is made of: relative standard errors whose squares add up.
+
+    Attributes
+    ----------
+    individuals : float
+        Spread of individuals about the mean size of their label, relative, >= 0; NaN for a size
+        that is not known.
+    mean_sizes : float
+        Errors of the labels' mean sizes, which their references share.
+    boxes : float
+        Errors of the references' boxes.
+    depths : float
+        Errors of the references' depths, told and learned.
+    camera : float
+        Error of the focal length and of the metric depth's scale; 0 where it was no witness.
+    rest : float
+        What the errors above do not explain: references that disagree, open alternatives (which
+        reference is wrong, which kind of thing it is, how large the noise is), an unknown shift.
+    """
+
+    individuals: float = attrs.field(eq=nan_as_none)
+    mean_sizes: float = attrs.field(eq=nan_as_none)
+    boxes: float = attrs.field(eq=nan_as_none)
+    depths: float = attrs.field(eq=nan_as_none)
+    camera: float = attrs.field(eq=nan_as_none)
+    rest: float = attrs.field(eq=nan_as_none)
+
+    @property
+    def rel_std(self) -> float:
+        """The relative standard error as a whole: the root of the sum of squares."""
+        return math.hypot(*attrs.astuple(self))
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of each part in the variance, 0 to 1; all 0 where there is no error."""
+        total = self.rel_std**2 or 1.0
+        return {name: part**2 / total for name, part in attrs.asdict(self).items()}
+
+
+@attrs.frozen(kw_only=True)
+class SizeBudget:
+    """
+    What the error of one size is made of: relative standard errors whose squares add up.
+
+    Attributes
+    ----------
+    label : str
+        The object's label.
+    axis : str
+        "height", "width" or "diameter".
+    scale : ScaleBudget
+        The part of the scale at its place, split up further.
+    box : float
+        Error of its own box, relative, >= 0; NaN for a size that is not known.
+    depth : float
+        Error of its own depth.
+    rest : float
+        What these do not explain: a depth that was replaced by a mean, tails of the distribution.
+    """
+
+    label: str
+    axis: SizeAxis
+    scale: ScaleBudget
+    box: float = attrs.field(eq=nan_as_none)
+    depth: float = attrs.field(eq=nan_as_none)
+    rest: float = attrs.field(eq=nan_as_none)
+
+    @property
+    def rel_std(self) -> float:
+        """The relative standard error as a whole: the root of the sum of squares."""
+        return math.hypot(self.scale.rel_std, self.box, self.depth, self.rest)
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of "scale", "box", "depth" and "rest" in the variance, 0 to 1."""
+        total = self.rel_std**2 or 1.0
+        parts = {"scale": self.scale.rel_std, "box": self.box, "depth": self.depth}
+        return {name: part**2 / total for name, part in {**parts, "rest": self.rest}.items()}
+
+
+def scale_budget(model: ScaleModel) -> ScaleBudget:
+    """
+    Split the variance of log k.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+
+    Returns
+    -------
+    ScaleBudget
+        Parts whose squares sum to ``(k_std / k)^2``.
+
+    Notes
+    -----
+    With the share a_i of each reference in k the declared errors give
+    ``sum_i a_i^2 (s_i^2 + box_i^2 + depth_i^2) + sum_c (sum_{i in c} a_i)^2 tau_c^2``. Where k is
+    known worse than that, the difference is `rest`; where better, all parts are scaled down alike.
+    """
+    return _scale_budget(_declared(model), (model.k_std / model.k) ** 2)
+
+
+def size_budget(model: ScaleModel, estimate: SizeEstimate) -> SizeBudget:
+    """
+    Split the variance of one log size.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+    estimate : SizeEstimate
+        The size, by that model.
+
+    Returns
+    -------
+    SizeBudget
+        Parts whose squares sum to ``(std_m / size_m)^2``; all NaN for a size that is not known.
+        Where that is more than the errors of scale, box and depth, the difference is `rest`; where
+        it is less, as where the object's own prior was used, all parts are scaled down alike.
+    """
+    total = (estimate.std_m / estimate.size_m) ** 2
+    if not math.isfinite(total):
+        nan = math.nan
+        nothing = ScaleBudget(**dict.fromkeys(attrs.fields_dict(ScaleBudget), nan))
+        return SizeBudget(
+            label=estimate.label, axis=estimate.axis, scale=nothing, box=nan, depth=nan, rest=nan
+        )
+    box = _box_var(model, estimate.size_m / estimate.metres_per_pixel)
+    depth = _told_depth_var(model, estimate) + (model.depth_rel or 0.0) ** 2
+    scale = _scale_var_at(model, estimate.depth)
+    (scale, box, depth), rest = _filling([scale, box, depth], total)
+    return SizeBudget(
+        label=estimate.label,
+        axis=estimate.axis,
+        scale=_scale_budget(_declared(model), scale),
+        box=math.sqrt(box),
+        depth=math.sqrt(depth),
+        rest=math.sqrt(rest),
+    )
+
+
+def own_variances(model: ScaleModel, ref: Reference) -> FloatArray:
+    """
+    Split the variance of the log k that one reference gives, but for its label's offset.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+    ref : Reference
+        One of its candidates.
+
+    Returns
+    -------
+    (3,) ndarray of float64
+        Variances of the individual's size, of its box and of its depth. The size is of the kind of
+        thing that the reference was taken for.
+    """
+    rows = rows_along(ref.label, ref.axis, model.priors)
+    kind = min(rows, key=lambda row: abs(row.mean_m - ref.taken_as_m), default=None)
+    mean_m, std_m = (kind.mean_m, kind.std_m) if kind else (ref.prior_m, ref.prior_std_m)
+    size = float(log_moments(mean_m, std_m)[1])
+    box = _box_var(model, ref.pixels)
+    depth = max(ref.noise_rel**2 - box, 0.0) + (model.depth_rel or 0.0) ** 2
+    return np.array([size, box, depth])
+
+
+def _told_depth_var(model: ScaleModel, estimate: SizeEstimate) -> float:
+    """Variance of an object's log depth as told, of the detection given to `fit` where it was."""
+    for ref in model.references:
+        if (ref.label, ref.depth) == (estimate.label, estimate.depth):
+            return max(ref.noise_rel**2 - _box_var(model, ref.pixels), 0.0)
+    return (model.noise.depth_rel or 0.0) ** 2
+
+
+def _box_var(model: ScaleModel, pixels: float) -> float:
+    """Relative variance of an extent."""
+    error = extent_rel_std(np.array([pixels]), model.noise.box_px, model.noise.box_rel)
+    return float(error[0]) ** 2
+
+
+def _declared(model: ScaleModel) -> list[float]:
+    """Variances of individuals, mean sizes, boxes, depths and camera in log k, as declared."""
+    refs = [ref for ref in model.references if ref.candidate]
+    own = np.zeros(3)
+    shared: dict[object, float] = {}
+    for ref in refs:
+        own += ref.weight**2 * own_variances(model, ref)
+        key = mean_key(ref.label, ref.axis, model.priors)
+        shared[key] = shared.get(key, 0.0) + ref.weight * ref.prior_mean_std_m / ref.prior_m
+    camera = 0.0
+    if model.camera_is_witness and model.camera:
+        share = max(0.0, 1 - sum(ref.weight for ref in refs))
+        camera = share**2 * (model.camera.focal_rel_std**2 + model.scale_rel_std**2)
+    size, box, depth = (float(part) for part in own)
+    return [size, sum(part**2 for part in shared.values()), box, depth, camera]
+
+
+def _scale_var_at(model: ScaleModel, depth: float) -> float:
+    """Relative variance of metres per pixel at a depth: with a shift not that of k alone."""
+    of_k = model.k_std / model.k
+    if not LAWS[model.kind].has_shift or math.isnan(depth):
+        return of_k**2
+    of_shift = model.shift_std * float(LAWS[model.kind].relative_distance(depth, model.shift))
+    return max(of_k**2 + of_shift**2 - 2 * model.correlation * of_k * of_shift, 0.0)
+
+
+def _scale_budget(declared: list[float], total: float) -> ScaleBudget:
+    """Fit declared variances into the one that was found."""
+    parts, rest = _filling(declared, total)
+    individuals, mean_sizes, boxes, depths, camera = (math.sqrt(part) for part in parts)
+    return ScaleBudget(
+        individuals=individuals,
+        mean_sizes=mean_sizes,
+        boxes=boxes,
+        depths=depths,
+        camera=camera,
+        rest=math.sqrt(rest),
+    )
+
+
+def _filling(parts: list[float], total: float) -> tuple[list[float], float]:
+    """Scale variances down to a total, or tell what is left of it."""
+    known = math.fsum(parts)
+    if known > total:
+        return [part * total / known for part in parts], 0.0
+    return parts, total - known
