@@ -9,6 +9,8 @@ from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.errors import DepthMismatchError, FitError, ImgscaleError, MissingDependencyError
 from imgscale.estimate import SizeEstimate
+from imgscale.explaining import Explanation, explain
+from imgscale.fitted_plane import FittedPlane
 from imgscale.fitting import fit
 from imgscale.flags import Flag
 from imgscale.frame import Frame
@@ -20,6 +22,9 @@ from imgscale.prediction import predict
 from imgscale.priors import PriorTable
 from imgscale.protocols import DepthSource, Detector
 from imgscale.reference import Reference
+from imgscale.shared_scale import SharedScale
+from imgscale.sharing import fit_shared
+from imgscale.suspicion import Suspicion, suspect
 from imgscale.validation import leave_one_out
 
 __all__ = [
@@ -30,7 +35,9 @@ __all__ = [
     "DepthSource",
     "Detection",
     "Detector",
+    "Explanation",
     "FitError",
+    "FittedPlane",
     "Flag",
     "Frame",
     "GroundPlane",
@@ -43,11 +50,16 @@ __all__ = [
     "PriorTable",
     "Reference",
     "ScaleModel",
+    "SharedScale",
     "SizeEstimate",
+    "Suspicion",
+    "explain",
     "fit",
+    "fit_shared",
     "leave_one_out",
     "measure",
     "predict",
+    "suspect",
 ]
 
 

@@ -110,7 +110,7 @@ def claims_of(model: ScaleModel) -> Claims:
     size_log, size_var = log_moments(mean_m, std_m)
     log_pixels = np.log(pixels) + _log_tilt(model, refs)
     kinds = log_kinds(rows)
-    cases = noise_cases(1, unknown_noise=model.depth_rel is not None)
+    cases = noise_cases(1, unknown_noise=model.unknown_noise)
     return Claims(
         log_scale=size_log - log_pixels,
         kinds=kinds._replace(mean=kinds.mean - log_pixels[:, None]),

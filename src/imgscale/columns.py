@@ -18,10 +18,21 @@ from imgscale.extent import extent_rel_std
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.observations import Observations
-from imgscale.prior_choice import MeanKey, log_kinds, log_moments, mean_key, rows_along
+from imgscale.prior_choice import (
+    MeanKey,
+    log_kinds,
+    log_moments,
+    mean_key,
+    moments_of,
+    rows_along,
+)
 from imgscale.priors import PriorTable
 from imgscale.reference import Reference
+from imgscale.shared_scale import SharedScale
 from imgscale.standing import Viewpoint, height_of, stance_of
+
+# A rejected reference of a shared scale weighs nothing.
+_LEAST_PRECISION = 1e-9
 
 
 class FirmWitness(NamedTuple):
@@ -132,29 +143,21 @@ def references_of(model: ScaleModel, view: Viewpoint | None) -> ModelColumns:
     ModelColumns
         Its references, what is known of the camera, and its other objects.
     """
-    keys = list(
-        dict.fromkeys(
-            mean_key(ref.label, ref.axis, model.priors) for ref in model.references if ref.candidate
-        )
+    told = model.camera if model.camera_is_witness else None
+    firm = firm_witnesses(told, model.ground, model.scale_rel_std)
+    if model.shared:
+        keys = shared_keys(model.shared, model.priors)
+        witnesses = shared_witnesses(model.shared, keys, model.priors, has_stance=view is not None)
+        everyone = _of_references(model.references, model, view)
+        return ModelColumns(with_firm(witnesses, firm), everyone, keys)
+    candidates = [ref for ref in model.references if ref.candidate]
+    others = [ref for ref in model.references if not ref.candidate]
+    ref_keys = [mean_key(ref.label, ref.axis, model.priors) for ref in candidates]
+    keys = list(dict.fromkeys(ref_keys))
+    witnesses = _of_references(candidates, model, view)._replace(
+        group=np.array([keys.index(key) for key in ref_keys], dtype=np.intp)
     )
-    witnesses, bystanders = (
-        _of_references([ref for ref in model.references if ref.candidate == wanted], model, view)
-        for wanted in (True, False)
-    )
-    ref_keys = [
-        mean_key(ref.label, ref.axis, model.priors) for ref in model.references if ref.candidate
-    ]
-    group = np.array([keys.index(key) for key in ref_keys], dtype=np.intp)
-    return ModelColumns(
-        witnesses=with_firm(
-            witnesses._replace(group=group),
-            firm_witnesses(
-                model.camera if model.camera_is_witness else None, model.ground, model.scale_rel_std
-            ),
-        ),
-        bystanders=bystanders,
-        keys=keys,
-    )
+    return ModelColumns(with_firm(witnesses, firm), _of_references(others, model, view), keys)
 
 
 class ModelColumns(NamedTuple):
@@ -200,7 +203,7 @@ def _of_references(refs: Sequence[Reference], model: ScaleModel, view: Viewpoint
         kinds=log_kinds(rows),
         moments=np.array(moments, dtype=np.float64).reshape(-1, 3).T,
         group=np.full(depth.size, -1, dtype=np.intp),
-        unknown_noise=model.depth_rel is not None,
+        unknown_noise=model.unknown_noise,
         stance=stance,
     )
 
@@ -261,6 +264,71 @@ def chosen(objects: Sized, rows: IntArray) -> Sized:
     return picked._replace(group=np.unique(picked.group, return_inverse=True)[1].astype(np.intp))
 
 
+def shared_witnesses(
+    shared: SharedScale, keys: Sequence[MeanKey | None], priors: PriorTable, *, has_stance: bool
+) -> Sized:
+    """
+    Turn what the frames of one camera say together into columns.
+
+    Parameters
+    ----------
+    shared : SharedScale
+        What they say.
+    keys : sequence
+        The mean size that each group shares.
+    priors : PriorTable
+        Sizes by label.
+    has_stance : bool
+        True where a plane or a tilt counts.
+
+    Returns
+    -------
+    Sized
+        One firm row for each of the frame's own references, and for each label of the others.
+    """
+    rows = [*shared.own, *shared.others]
+    group = [keys.index(mean_key(row.label, row.axis, priors)) for row in rows]
+    variance = np.array([1 / max(row.precision, _LEAST_PRECISION) for row in rows])
+    log_k = np.array([row.log_k for row in rows])
+    moments = [moments_of(rows_along(row.label, row.axis, priors), row.axis) for row in rows]
+    count, ones = len(rows), np.ones((len(rows), 1))
+    lean = np.array([row.lean for row in rows], dtype=np.float64).reshape(-1, 2)
+    return Sized(
+        inverse_depth=np.ones(count),
+        log_pixels=np.zeros(count),
+        noise_var=np.zeros(count),
+        prior=Parts(ones, log_k[:, None], variance[:, None]),
+        prior_log=log_k,
+        prior_var=variance,
+        tau=np.array([m.mean_std_m / m.mean_m for m in moments], dtype=np.float64),
+        image=np.zeros(count, dtype=np.intp),
+        group=np.array(group, dtype=np.intp),
+        told=np.ones(count, dtype=np.bool_),
+        firm=np.ones(count, dtype=np.bool_),
+        stance=Stance.nowhere(count, lean=lean) if has_stance else None,
+    )
+
+
+def shared_keys(shared: SharedScale, priors: PriorTable) -> list[MeanKey | None]:
+    """
+    List the labels of a shared scale.
+
+    Parameters
+    ----------
+    shared : SharedScale
+        What the frames of one camera say together.
+    priors : PriorTable
+        Sizes by label.
+
+    Returns
+    -------
+    list
+        The mean size that each group shares.
+    """
+    rows = [*shared.own, *shared.others]
+    return list(dict.fromkeys(mean_key(row.label, row.axis, priors) for row in rows))
+
+
 def bystanders_of(objects: Sized, witnesses: IntArray) -> Sized:
     """
     Select the objects that only tell of the plane.
@@ -313,7 +381,7 @@ def with_firm(witnesses: Sized, firm: Sequence[FirmWitness]) -> Sized:
             group=np.array([witnesses.group.max(initial=-1) + 1], dtype=np.intp),
             told=np.ones(1, dtype=np.bool_),
             firm=np.ones(1, dtype=np.bool_),
-            stance=witnesses.stance and Stance.of_camera(is_height=told.is_height),
+            stance=witnesses.stance and Stance.nowhere(1, is_height=told.is_height),
         )
         witnesses = witnesses.joined(row)
     return witnesses

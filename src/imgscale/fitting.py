@@ -11,10 +11,11 @@ import numpy as np
 from imgscale._checks import check_choice, check_type
 from imgscale._typing import DepthKind, FitMethod
 from imgscale.camera import Camera
-from imgscale.columns import camera_witness, chosen
+from imgscale.columns import camera_witness, chosen, in_groups, objects_of, shared_keys
 from imgscale.core.mixture import MEDIAN, half_width
 from imgscale.core.predictive import scale_of
 from imgscale.core.solving import Estimate, PlaneEstimate, Problem, estimate
+from imgscale.core.witnesses import Sized
 from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
 from imgscale.detection import Detection, check_detections
 from imgscale.fitted_plane import FittedPlane
@@ -25,9 +26,10 @@ from imgscale.noise import Noise
 from imgscale.object_depth import with_image_size
 from imgscale.observations import Observations, observe
 from imgscale.posing import Setting, camera_counts, problem_of, solve_by, view_of
+from imgscale.prior_choice import mean_key
 from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference
-from imgscale.referencing import explain_references
+from imgscale.referencing import Belief, explain_references
 
 __all__ = ["fit"]
 
@@ -234,7 +236,10 @@ def fit_observed(
     cases = solve_by(setting.method, problem)
     found = estimate(problem, cases)
     log_k = float(found.log_k[0])
-    references = explain_references(detections, obs, setting.priors, cases, found)
+    candidates, belief = _candidates(detections, obs, setting, problem)
+    references = explain_references(
+        detections, obs, setting.priors, candidates, cases, found, belief
+    )
     plane = _plane(found.plane, setting)
     shift = _shift(found, plane, setting.kind)
     return ScaleModel(
@@ -245,9 +250,34 @@ def fit_observed(
         mean_depth=_mean_depth(references, setting.kind, shift["shift"]),
         references=references,
         flags=_flags(references, obs, problem, found, setting),
-        depth_rel=float(found.depth_rel[0]) if problem.unknown_noise else None,
-        **setting._asdict(),
+        depth_rel=_depth_rel(found, problem, setting),
+        **setting.kept(),
     )
+
+
+def _depth_rel(found: Estimate, problem: Problem, setting: Setting) -> float | None:
+    """Report the noise that was learned: from this image, or from all frames of its source."""
+    if problem.unknown_noise:
+        return float(found.depth_rel[0])
+    return setting.depth_rel
+
+
+def _candidates(
+    detections: Sequence[Detection], obs: Observations, setting: Setting, problem: Problem
+) -> tuple[Sized, Belief | None]:
+    """Look up the references as they are by themselves, and how many frames took them, if so."""
+    shared = setting.shared
+    if shared is None:
+        return problem.witnesses.rows(np.arange(obs.eligible.size)), None
+    keys = shared_keys(shared, setting.priors)
+    objects = objects_of(obs, view_of(setting))
+    grouped = in_groups(objects, detections, obs, keys, setting.priors).rows(obs.eligible)
+    belief = Belief(
+        trust=np.array([row.trust for row in shared.own], dtype=np.float64),
+        kind=np.array([row.kind for row in shared.own], dtype=np.intp),
+        probability=np.array([row.kind_probability for row in shared.own], dtype=np.float64),
+    )
+    return grouped, belief
 
 
 class _Shift(TypedDict):
@@ -353,12 +383,18 @@ def _flags(
 ) -> Flag:
     """Collect the model's reservations."""
     used = [index for index, ref in enumerate(references) if ref.used]
-    labels = {int(obs.group[index]) for index in used}
+    labels = {mean_key(references[index].label, obs.axis[index], setting.priors) for index in used}
+    count = len(used)
+    if setting.shared:
+        labels.update(
+            mean_key(row.label, row.axis, setting.priors) for row in setting.shared.others
+        )
+        count += len(setting.shared.others)
     has_camera = camera_counts(setting)
     return flags_where(
         {
-            Flag.SINGLE_REFERENCE: len(used) == 1 and not has_camera,
-            Flag.SINGLE_LABEL: len(used) > 1 and len(labels) == 1 and not has_camera,
+            Flag.SINGLE_REFERENCE: count == 1 and not has_camera,
+            Flag.SINGLE_LABEL: count > 1 and len(labels) == 1 and not has_camera,
             Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
             Flag.INCONSISTENT: bool(found.inconsistent[0]) or _scattered(references, setting),
             Flag.CAMERA_CONFLICT: _camera_conflicts(problem, setting),

@@ -24,6 +24,7 @@ from imgscale.noise import Noise
 from imgscale.object_prior import ObjectPrior
 from imgscale.priors import PriorTable
 from imgscale.reference import Reference, numbered_labels
+from imgscale.shared_scale import SharedReference, SharedScale
 
 __all__ = ["ScaleModel"]
 
@@ -76,6 +77,8 @@ class ScaleModel:
     depth_rel : float or None
         Relative noise of the depths, as learned from how far the references disagree; None where
         it was told.
+    shared : SharedScale or None
+        What the frames of one camera say together, for a model of `fit_shared`.
     """
 
     k: float
@@ -97,6 +100,12 @@ class ScaleModel:
     fingerprint: int | None
     scale_rel_std: float
     depth_rel: float | None
+    shared: SharedScale | None = None
+
+    @property
+    def unknown_noise(self) -> bool:
+        """True where the noise of the depths was told by nobody, nor learned over many frames."""
+        return self.depth_rel is not None and self.noise.depth_rel is None
 
     @property
     def focal_px(self) -> float | None:
@@ -334,6 +343,7 @@ class ScaleModel:
         kinds = (("camera", Camera), ("ground", GroundPlane), ("plane", FittedPlane))
         for name, kind in kinds:
             fields[name] = None if fields[name] is None else kind(**fields[name])
+        fields["shared"] = None if fields["shared"] is None else _shared(fields["shared"])
         size = fields["image_size"]
         fields["image_size"] = None if size is None else (int(size[0]), int(size[1]))
         if fields["mean_depth"] is None:
@@ -349,6 +359,8 @@ class ScaleModel:
         noun = "reference" if candidates == 1 else "references"
         shift = f", shift {with_error(self.shift, self.shift_std)}," if law.has_shift else ""
         text = f"{_k_text(self)} ({law.k_meaning}){shift} from {used} of {candidates} {noun}"
+        if self.shared:
+            text += f" and those of {self.shared.n_frames - 1} other frames"
         if self.camera_is_witness:
             text += " and the camera's focal length"
         for title, wanted in (("not used", True), ("without a prior", False)):
@@ -399,6 +411,11 @@ def _plain(_: object, __: object, value: Any) -> Any:
 
 def _plain_record(prior: ObjectPrior) -> dict[str, Any]:
     return attrs.asdict(prior, value_serializer=_plain)
+
+
+def _shared(item: Mapping[str, Any]) -> SharedScale:
+    rows = {name: tuple(SharedReference(**row) for row in item[name]) for name in ("own", "others")}
+    return SharedScale(**{**item, **rows})
 
 
 def _reference(item: Mapping[str, Any]) -> Reference:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from imgscale.columns import (
     firm_witnesses,
     objects_of,
     references_of,
+    shared_keys,
+    shared_witnesses,
     with_firm,
 )
 from imgscale.core.closed_form import least_squares, mean_ratio
@@ -23,7 +25,8 @@ from imgscale.core.estimator import log_k_std
 from imgscale.core.segments import LogFit
 from imgscale.core.sighting import observe_under
 from imgscale.core.solving import Cases, Problem, closed_form_cases, solve
-from imgscale.core.witnesses import middle_case
+from imgscale.core.unknowns import Scene
+from imgscale.core.witnesses import Sized, middle_case
 from imgscale.depth import GroundPlane
 from imgscale.detection import Detection
 from imgscale.errors import FitError
@@ -34,6 +37,7 @@ from imgscale.observations import NO_DEPTH, NO_PRIOR, OFF_GROUND, PARTIAL, Obser
 from imgscale.prior_choice import MeanKey
 from imgscale.priors import PriorTable
 from imgscale.reference import numbered_labels
+from imgscale.shared_scale import SharedScale
 from imgscale.standing import Viewpoint, scene_of, viewpoint
 
 # Inverse depths that differ by less, relative to the largest, are rounding of one.
@@ -46,8 +50,12 @@ class Setting(NamedTuple):
 
     Attributes
     ----------
-    kind, method, priors, noise, camera, ground, image_size, fingerprint, scale_rel_std : object
+    kind, method, priors, noise, camera, ground : object
         As in `ScaleModel`.
+    image_size, fingerprint, scale_rel_std, shared : object
+        As in `ScaleModel`.
+    depth_rel : float or None
+        Noise of the depths as it was learned over many frames; `noise` then tells it.
     """
 
     kind: DepthKind
@@ -59,6 +67,19 @@ class Setting(NamedTuple):
     image_size: ImageSize | None
     fingerprint: int | None
     scale_rel_std: float
+    shared: SharedScale | None = None
+    depth_rel: float | None = None
+
+    def kept(self) -> dict[str, Any]:
+        """
+        List what the model keeps as it is.
+
+        Returns
+        -------
+        dict
+            By the names of the model's fields.
+        """
+        return {name: value for name, value in self._asdict().items() if name != "depth_rel"}
 
 
 def problem_of(detections: Sequence[Detection], obs: Observations, setting: Setting) -> Problem:
@@ -85,25 +106,69 @@ def problem_of(detections: Sequence[Detection], obs: Observations, setting: Sett
         If the references do not fix the scale.
     """
     view = view_of(setting)
-    objects = objects_of(obs, view)
-    camera = setting.camera if camera_counts(setting) else None
-    firm = firm_witnesses(camera, setting.ground, setting.scale_rel_std)
-    witnesses = with_firm(chosen(objects, obs.eligible), firm)
+    objects, others = objects_of(obs, view), obs.eligible
+    if setting.shared:
+        keys = shared_keys(setting.shared, setting.priors)
+        witnesses = shared_witnesses(
+            setting.shared, keys, setting.priors, has_stance=view is not None
+        )
+        others = others[:0]
+    else:
+        witnesses = chosen(objects, obs.eligible)
     height = setting.ground and setting.ground.camera_height_m
-    if not (obs.eligible.size or camera or height):
+    if not (witnesses.image.size or camera_counts(setting) or height):
         raise FitError(_no_reference(detections, obs))
+    problem = problem_of_columns(witnesses, setting)
+    return problem._replace(
+        unknown_noise=obs.unknown_noise,
+        bystanders=bystanders_of(objects, others) if view else None,
+    )
+
+
+def problem_of_columns(witnesses: Sized, setting: Setting) -> Problem:
+    """
+    Pose a problem of one image by its references alone.
+
+    Parameters
+    ----------
+    witnesses : Sized
+        The references.
+    setting : Setting
+        The options of the fit.
+
+    Returns
+    -------
+    Problem
+        With what is known of the camera.
+
+    Raises
+    ------
+    FitError
+        If the references do not tell shift and scale apart.
+    """
+    camera = setting.camera if camera_counts(setting) else None
     has_shift = LAWS[setting.kind].has_shift and setting.kind != "ground_plane"
     if has_shift and setting.ground is None:
         check_separable(witnesses.inverse_depth)
+    firm = firm_witnesses(camera, setting.ground, setting.scale_rel_std)
     return Problem(
-        witnesses=witnesses,
+        witnesses=with_firm(witnesses, firm),
         n_images=1,
         has_shift=has_shift,
-        unknown_noise=obs.unknown_noise,
+        unknown_noise=False,
         exact=setting.method == "posterior",
-        scene=scene_of(view) if view else None,
-        bystanders=bystanders_of(objects, obs.eligible) if view else None,
+        scene=_scene(view_of(setting), setting.shared),
     )
+
+
+def _scene(view: Viewpoint | None, shared: SharedScale | None) -> Scene | None:
+    """Tell what is known beforehand of the plane, from other frames too."""
+    if view is None:
+        return None
+    scene = scene_of(view)
+    if shared and any(shared.plane_precision):
+        return scene.joined(shared.horizon, shared.slope, shared.plane_precision)
+    return scene
 
 
 def view_of(source: Setting | ScaleModel) -> Viewpoint | None:
@@ -120,7 +185,10 @@ def view_of(source: Setting | ScaleModel) -> Viewpoint | None:
     Viewpoint or None
         None where there is neither a plane nor a tilt.
     """
-    return viewpoint(source.kind, source.ground, source.camera, source.image_size, source.noise)
+    view = viewpoint(source.kind, source.ground, source.camera, source.image_size, source.noise)
+    if view and source.shared:
+        return view._replace(jitter_px=source.shared.jitter_px)
+    return view
 
 
 def problem_of_model(model: ScaleModel) -> tuple[Problem, list[MeanKey | None]]:
@@ -145,9 +213,9 @@ def problem_of_model(model: ScaleModel) -> tuple[Problem, list[MeanKey | None]]:
         witnesses=columns.witnesses,
         n_images=1,
         has_shift=LAWS[model.kind].has_shift and model.kind != "ground_plane",
-        unknown_noise=model.depth_rel is not None,
+        unknown_noise=model.unknown_noise,
         exact=model.method == "posterior",
-        scene=scene_of(view) if view else None,
+        scene=_scene(view, model.shared),
         bystanders=columns.bystanders if view else None,
     )
     return problem, columns.keys

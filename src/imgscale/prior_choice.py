@@ -73,7 +73,7 @@ def choose_prior(
         Without rows where the table does not know the label.
     """
     names: tuple[SizeAxis, ...] = (axis,) if axis else SIZE_AXES
-    choices = [_moments(rows_along(label, name, priors), name) for name in names]
+    choices = [moments_of(rows_along(label, name, priors), name) for name in names]
     choices = [choice for choice in choices if choice.rows] or choices[:1]
 
     def error(choice: PriorChoice) -> float:
@@ -173,11 +173,21 @@ def log_moments(
     return np.log(mean_m) - log_var / 2, log_var
 
 
-def _moments(rows: Sequence[ObjectPrior], axis: SizeAxis) -> PriorChoice:
+def moments_of(rows: Sequence[ObjectPrior], axis: SizeAxis) -> PriorChoice:
     """
-    Mean, spread and error of the mean of a mixture of sizes.
+    Compute mean, spread and error of the mean of a mixture of sizes.
 
-    The spread holds the distance between the parts: ``sum w (std^2 + mean^2) - mean^2``.
+    Parameters
+    ----------
+    rows : sequence of ObjectPrior
+        The kinds of thing.
+    axis : str
+        Their axis.
+
+    Returns
+    -------
+    PriorChoice
+        The spread holds the distance between the parts: ``sum w (std^2 + mean^2) - mean^2``.
     """
     if not rows:
         return PriorChoice(axis, (), math.nan, math.nan, math.nan)

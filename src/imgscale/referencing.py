@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,13 +13,14 @@ from imgscale.core.mixture import MEDIAN, half_width
 from imgscale.core.predictive import measured, residuals, with_priors
 from imgscale.core.sighting import log_scales
 from imgscale.core.solving import Cases, Estimate
+from imgscale.core.witnesses import Sized
 from imgscale.detection import Detection
 from imgscale.observations import Observations
 from imgscale.prior_choice import rows_along
 from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference
 
-__all__ = ["explain_references"]
+__all__ = ["Belief", "explain_references"]
 
 # A reference is rejected where the odds are ten to one that it is wrong.
 _REJECTED = 0.1
@@ -32,12 +34,33 @@ _ABSENT = {
 }
 
 
+class Belief(NamedTuple):
+    """
+    How the candidates are taken.
+
+    Attributes
+    ----------
+    trust : (N,) ndarray of float64
+        How far each is believed.
+    kind : (N,) ndarray of int
+        The row of its label that it is taken for.
+    probability : (N,) ndarray of float64
+        Probability that it is sound and of that kind.
+    """
+
+    trust: FloatArray
+    kind: IntArray
+    probability: FloatArray
+
+
 def explain_references(
     detections: Sequence[Detection],
     obs: Observations,
     priors: PriorTable,
+    candidates: Sized,
     cases: Cases,
     estimate: Estimate,
+    belief: Belief | None = None,
 ) -> tuple[Reference, ...]:
     """
     Explain every detection.
@@ -50,18 +73,25 @@ def explain_references(
         Their columns.
     priors : PriorTable
         Sizes by label.
+    candidates : Sized
+        The eligible rows, with their own priors.
     cases : Cases
-        The solutions; its witnesses are the eligible rows in their order and, last, the camera if
-        it counts.
+        The solutions; its witnesses begin with the same rows.
     estimate : Estimate
         Their summary.
+    belief : Belief, optional
+        How they are taken, where that was found elsewhere.
 
     Returns
     -------
     tuple of Reference
         One per detection.
     """
-    columns = _columns(obs, cases, estimate)
+    if belief is None:
+        of_kinds = estimate.kinds[: obs.eligible.size]
+        trust = estimate.trust[: obs.eligible.size]
+        belief = Belief(trust, of_kinds.argmax(axis=1), of_kinds.max(axis=1))
+    columns = _columns(obs, candidates, cases, estimate, belief)
     own_k = columns["own_k"]
     place = {int(row): index for index, row in enumerate(obs.eligible)}
     references: list[Reference] = []
@@ -97,13 +127,12 @@ def explain_references(
 
 
 def _columns(
-    obs: Observations, cases: Cases, estimate: Estimate
+    obs: Observations, candidates: Sized, cases: Cases, estimate: Estimate, belief: Belief
 ) -> dict[str, FloatArray | IntArray | BoolArray]:
     """Gather what the solutions say of the candidates."""
     own = np.arange(obs.eligible.size)
-    candidates = cases.witnesses.rows(own)
     log_scale = log_scales(candidates, cases.best)[0][0]
-    rejected = estimate.trust[own] < _REJECTED
+    rejected = belief.trust < _REJECTED
     quantiles = with_priors(cases, candidates, own)
     log_size = quantiles[:, MEDIAN].copy()
     if rejected.any():  # its prior does not hold for it: what is left is its measurement
@@ -111,14 +140,13 @@ def _columns(
         quantiles[rejected] = measured(cases, lost).quantiles()
         log_size[rejected] = estimate.log_k[0] + (log_scale + candidates.log_pixels)[rejected]
     posterior_m = np.exp(log_size)
-    kinds = estimate.kinds[own]
     return {
         "own_k": obs.prior_m[obs.eligible] / np.exp(log_scale + candidates.log_pixels),
         "posterior_m": posterior_m,
         "posterior_std_m": posterior_m * half_width(quantiles),
         "z_score": residuals(cases, candidates, own),
         "weight": estimate.share[own],
-        "taken_as_probability": kinds.max(axis=1),
-        "kind": kinds.argmax(axis=1),
+        "taken_as_probability": belief.probability,
+        "kind": belief.kind,
         "out": rejected,
     }

@@ -26,6 +26,8 @@ SLOPE_STD = math.tan(math.radians(2.0))
 # Feet stand on kerbs and in dips, 3 % of the camera's height, and on slopes, of 0.15 % of the
 # longer side (0.1 degrees for a usual lens).
 RELIEF_REL, SLOPE_REL = 0.03, 0.0015
+# How far the horizon may move between the frames of one camera, in longer sides of the image.
+JITTERS = (0.0, 0.001, 0.002, 0.004, 0.008)
 # What is given without its error.
 _GIVEN_HORIZON_STD, _GIVEN_HEIGHT_REL = 0.005, 0.02
 _LEAST_STD_PX = 1e-6
@@ -49,6 +51,8 @@ class Viewpoint(NamedTuple):
         True where the plane is the only source of distances.
     noise : Noise
         Errors of boxes and, where the plane is alone, of its distances.
+    jitter_px : float
+        What the feet's rows err besides, as the frames of one camera showed.
     """
 
     image_size: ImageSize
@@ -58,6 +62,7 @@ class Viewpoint(NamedTuple):
     ground: GroundPlane | None
     alone: bool
     noise: Noise
+    jitter_px: float = 0.0
 
 
 def viewpoint(
@@ -146,6 +151,7 @@ def scene_of(view: Viewpoint) -> Scene:
         horizon=horizon,
         horizon_std=horizon_std,
         is_given=bool(told),
+        slope=0.0,
         slope_std=SLOPE_STD,
         has_plane=ground is not None,
         has_depth=not view.alone,
@@ -241,7 +247,7 @@ def stance_of(
         lateral=np.where(np.isnan(feet[:, 0]), 0.0, feet[:, 0] - view.cx),
         top=boxes[:, 1] - view.cy,
         middle=(boxes[:, 1] + boxes[:, 3]) / 2 - view.cy,
-        foot_var=edge_var + slope_px**2,
+        foot_var=edge_var + slope_px**2 + view.jitter_px**2,
         relief_var=np.full(count, relief**2),
         box_var=box_var,
         focal_px=np.full(count, view.camera.focal_px if view.camera else np.nan),
@@ -249,4 +255,6 @@ def stance_of(
         upright=upright,
         is_height=np.zeros(count, dtype=np.bool_),
         is_new=np.zeros(count, dtype=np.bool_),
+        lean_horizon=np.zeros(count),
+        lean_slope=np.zeros(count),
     )

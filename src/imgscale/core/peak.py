@@ -12,7 +12,7 @@ from imgscale.core.estimator import fit_robust
 from imgscale.core.segments import LogObservations, median_by, sum_by
 from imgscale.core.sighting import compare, observe_under, sight
 from imgscale.core.unknowns import HORIZON_DOF, Unknowns, stance_of
-from imgscale.core.witnesses import Nuisance, Sized
+from imgscale.core.witnesses import Nuisance, Sized, numbered
 
 # Where the search starts: log of the median foot's distance from the horizon, in heights of the
 # image, slopes in standard deviations, and the shift; the best two starts are followed.
@@ -67,7 +67,8 @@ def starts(unknowns: Unknowns) -> FloatArray:
     (2, n, d) ndarray of float64
         The best two, of different slopes.
     """
-    axes = [_STARTS + math.log(unknowns.span), _SLOPE_STARTS * unknowns.scene.slope_std]
+    slopes = unknowns.scene.slope + _SLOPE_STARTS * unknowns.scene.slope_std
+    axes = [_STARTS + math.log(unknowns.span), slopes]
     if unknowns.shifts is not None:
         axes = [axes[0][::2], axes[1], _SHIFT_STARTS]
     grid = [part.reshape(-1, 1) for part in np.meshgrid(*axes, indexing="ij")]
@@ -204,7 +205,7 @@ def _height_gap(witnesses: Sized, nuisance: Nuisance) -> FloatArray:
     sized = witnesses.rows(~is_height)
     by_depth = compare(sized, stance_of(sized), nuisance).by_depth
     own_k = sized.prior_log - np.where(np.isfinite(by_depth), by_depth, 0.0)
-    place: IntArray = (sized.image + n_images * np.arange(count)[:, None]).ravel()
+    place = numbered(sized.image, count, n_images)
     log_k = median_by(place, own_k.ravel(), np.ones(place.size), count * n_images)
     height = np.zeros(n_images)
     height[witnesses.image[is_height]] = witnesses.prior_log[is_height]
@@ -293,10 +294,12 @@ def _prior(unknowns: Unknowns, theta: FloatArray) -> tuple[FloatArray, FloatArra
     if not scene.is_given:  # Student's distribution as a weight
         square = apart**2 * precision
         precision = precision * (HORIZON_DOF + 1) / (HORIZON_DOF + square)
+    askew = theta[:, 1] - scene.slope
     matrix[:, 0, 0] = precision * below**2 + 1e-9
-    gradient[:, 0] = precision * apart * below
-    matrix[:, 1, 1] = 1 / scene.slope_std**2
-    gradient[:, 1] = -theta[:, 1] / scene.slope_std**2
+    gradient[:, 0] = (precision * apart + scene.cross * askew) * below
+    matrix[:, 1, 1] = scene.slope_std**-2
+    gradient[:, 1] = -(askew * scene.slope_std**-2 + scene.cross * apart)
+    matrix[:, 0, 1] = matrix[:, 1, 0] = -scene.cross * below
     if scene.has_depth:
         matrix[:, 2, 2] = 1e-6
     if unknowns.shifts is not None:

@@ -11,7 +11,7 @@ from imgscale.core.estimator import log_k_std, view_from_others
 from imgscale.core.mixture import MEDIAN, SCORES, Mixture
 from imgscale.core.posterior import log_evidence, view_on_grid
 from imgscale.core.segments import View, normalised
-from imgscale.core.sighting import Sighting, sight, subjects_under
+from imgscale.core.sighting import Sighting, observe_under, sight, subjects_under
 from imgscale.core.solving import Cases
 from imgscale.core.witnesses import Sized
 
@@ -246,8 +246,9 @@ def residuals(cases: Cases, candidates: Sized, own: IntArray) -> FloatArray:
     """
     view, _ = _look(cases, candidates, own, declared=True)
     shape = (cases.nuisance.n_cases, -1)
-    observed = cases.obs.y.reshape(shape)[:, own][..., None]
-    own_var = cases.obs.variance.reshape(shape)[:, own][..., None]
+    alone = observe_under(candidates, cases.nuisance)
+    observed = alone.y.reshape(shape)[..., None]
+    own_var = alone.variance.reshape(shape)[..., None]
     residual = observed - view.log_k - view.offset
     variance = view.log_k_var + view.offset_var + 2 * view.covariance + own_var
     weight = np.exp(view.log_weight - _peak(view.log_weight))

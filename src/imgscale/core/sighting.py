@@ -117,9 +117,10 @@ def compare(objects: Sized, stance: Stance, nuisance: Nuisance) -> Comparison:
     nothing = np.full_like(by_depth, np.nan)
     if nuisance.slope is None or nuisance.gap is None:
         return Comparison(by_depth, nothing, depth_var, nothing, nothing, np.isnan(nothing) & False)
-    gap = nuisance.gap[:, image]
+    gap, slope = nuisance.gap[:, image], nuisance.slope[:, image]
     by_depth = np.where(stance.is_height, gap, by_depth)
-    rows = stance.below_horizon(horizon, nuisance.slope[:, image])
+    by_depth = by_depth - stance.lean_horizon * horizon - stance.lean_slope * slope
+    rows = stance.below_horizon(horizon, slope)
     below = np.where(rows > 0, rows, 1.0)
     by_foot = objects.log_pixels + tilts.by_foot - np.log(below) + gap
     return Comparison(
@@ -240,16 +241,16 @@ def observe_under(witnesses: Sized, nuisance: Nuisance) -> LogObservations:
     share: FloatArray = sighting.share.reshape(ways, -1).T
     prior_log = np.tile(witnesses.prior_log, count)
     prior_var = np.tile(witnesses.prior_var, count)
-    lost: BoolArray = np.isposinf(log_size)
+    lost: BoolArray = np.equal(log_size, np.inf)
     log_size = np.where(lost, prior_log[:, None] - _LOST_LOG_K, log_size)
     noise_var = np.where(lost, _LOST_VAR, noise_var)
     prior = Parts(*(np.tile(column, (count, 1)) for column in witnesses.prior))
+    shape = (len(share), prior.share.shape[1] * ways)
     kinds = Parts(  # each kind of thing in each way
-        share=(prior.share[:, :, None] * share[:, None, :]).reshape(len(share), -1),
-        mean=(prior.mean[:, :, None] - log_size[:, None, :]).reshape(len(share), -1),
+        share=(prior.share[:, :, None] * share[:, None, :]).reshape(shape),
+        mean=(prior.mean[:, :, None] - log_size[:, None, :]).reshape(shape),
         variance=np.maximum(
-            (prior.variance[:, :, None] + noise_var[:, None, :]).reshape(len(share), -1),
-            MIN_VARIANCE,
+            (prior.variance[:, :, None] + noise_var[:, None, :]).reshape(shape), MIN_VARIANCE
         ),
     )
     middle = (share * log_size).sum(axis=1)

@@ -23,6 +23,9 @@ from imgscale.core.sighting import observe_under, plane_evidence
 from imgscale.core.unknowns import Scene
 from imgscale.core.witnesses import UNKNOWN_DEPTH_REL, Nuisance, Sized, crossed, noise_cases
 
+# Levels of noise that no case stands for any more are less probable by this (its log).
+_LEFT_OUT = 12.0
+
 
 class Problem(NamedTuple):
     """
@@ -97,6 +100,28 @@ class Cases(NamedTuple):
     def weight(self) -> FloatArray:
         """Probability of each case, (K, n_images)."""
         return normalised(self.log_weight, 0)
+
+    def of_levels(self, levels: Nuisance) -> FloatArray:
+        """
+        Compute the evidence of each level of noise of one image.
+
+        Parameters
+        ----------
+        levels : Nuisance
+            Cases of the noise alone.
+
+        Returns
+        -------
+        (L,) ndarray of float64
+            Log of the likelihood, everything else integrated out.
+        """
+        evidence = np.full(levels.n_cases, self.log_weight.max() - _LEFT_OUT)
+        for number, noise_var in enumerate(levels.depth_var[:, 0]):
+            own = self.nuisance.depth_var[:, 0] == noise_var
+            if own.any():
+                total = np.logaddexp.reduce(self.log_weight[own, 0])
+                evidence[number] = max(total, evidence[number])
+        return evidence - levels.log_prior[:, 0]
 
 
 class PlaneEstimate(NamedTuple):

@@ -60,6 +60,8 @@ class Stance(NamedTuple):
         True for a row that tells the camera's height itself.
     is_new : (N,) ndarray of bool
         True where the foot was not yet a witness of the plane.
+    lean_horizon, lean_slope : (N,) ndarray of float64
+        For a row that sums up other frames: how its log k changes with horizon and slope.
     """
 
     foot: FloatArray
@@ -74,23 +76,33 @@ class Stance(NamedTuple):
     upright: BoolArray
     is_height: BoolArray
     is_new: BoolArray
+    lean_horizon: FloatArray
+    lean_slope: FloatArray
 
     @classmethod
-    def of_camera(cls, *, is_height: bool) -> Stance:
+    def nowhere(
+        cls, count: int, *, is_height: bool = False, lean: FloatArray | None = None
+    ) -> Stance:
         """
-        Make the row of what is known of the camera itself.
+        Make rows that are no objects: what is known of the camera, or from other frames.
 
         Parameters
         ----------
+        count : int
+            Number of rows.
         is_height : bool
-            True where that is its height.
+            True where they tell the camera's height.
+        lean : (N, 2) ndarray of float, optional
+            How their log k changes with horizon and slope.
 
         Returns
         -------
         Stance
-            One row.
+            The rows.
         """
-        nowhere, zero, no = np.full(1, np.nan), np.zeros(1), np.zeros(1, dtype=np.bool_)
+        nowhere, zero = np.full(count, np.nan), np.zeros(count)
+        no = np.zeros(count, dtype=np.bool_)
+        change = np.zeros((count, 2)) if lean is None else lean
         return cls(
             foot=nowhere,
             lateral=zero,
@@ -100,10 +112,12 @@ class Stance(NamedTuple):
             relief_var=zero,
             box_var=zero,
             focal_px=nowhere,
-            span_px=np.ones(1),
+            span_px=np.ones(count),
             upright=no,
-            is_height=np.full(1, is_height),
+            is_height=np.full(count, is_height),
             is_new=no,
+            lean_horizon=change[:, 0],
+            lean_slope=change[:, 1],
         )
 
     def below_horizon(self, horizon: FloatArray, slope: FloatArray) -> FloatArray:

@@ -36,8 +36,10 @@ class Scene(NamedTuple):
         Row of the horizon below the principal point, and its standard error.
     is_given : bool
         True where somebody told them; else they hold for photos at large, which some leave by far.
-    slope_std : float
-        Standard deviation of the cross-fall and of the camera's roll together.
+    slope, slope_std : float
+        Mean and standard deviation of the cross-fall and of the camera's roll together.
+    cross : float
+        Off-diagonal entry of the precision matrix of horizon and slope.
     has_plane : bool
         True where objects stand on a plane; else the horizon only tells the camera's tilt.
     has_depth : bool
@@ -47,9 +49,41 @@ class Scene(NamedTuple):
     horizon: float
     horizon_std: float
     is_given: bool
+    slope: float
     slope_std: float
     has_plane: bool
     has_depth: bool
+    cross: float = 0.0
+
+    def joined(self, horizon: float, slope: float, precision: tuple[float, float, float]) -> Scene:
+        """
+        Add what is known from elsewhere.
+
+        Parameters
+        ----------
+        horizon, slope : float
+            Its centre.
+        precision : tuple of float
+            Its precision matrix: (horizon, horizon and slope, slope).
+
+        Returns
+        -------
+        Scene
+            Both together, as normal distributions.
+        """
+        own = np.array([[self.horizon_std**-2, self.cross], [self.cross, self.slope_std**-2]])
+        more = np.array([precision[:2], precision[1:]])
+        centre = own @ [self.horizon, self.slope] + more @ [horizon, slope]
+        both = own + more
+        place = np.linalg.solve(both, centre)
+        return self._replace(
+            horizon=float(place[0]),
+            horizon_std=float(both[0, 0]) ** -0.5,
+            is_given=True,
+            slope=float(place[1]),
+            slope_std=float(both[1, 1]) ** -0.5,
+            cross=float(both[0, 1]),
+        )
 
 
 class Unknowns(NamedTuple):
@@ -130,13 +164,14 @@ class Unknowns(NamedTuple):
         (K, n) ndarray of float64
             Up to a constant.
         """
-        horizon = self.foot - np.exp(theta[..., 0])
-        square = ((horizon - self.scene.horizon) / self.scene.horizon_std) ** 2
-        if not self.scene.is_given:
+        scene = self.scene
+        apart = self.foot - np.exp(theta[..., 0]) - scene.horizon
+        askew = theta[..., 1] - scene.slope
+        square = (apart / scene.horizon_std) ** 2
+        if not scene.is_given:
             square = (HORIZON_DOF + 1) * np.log1p(square / HORIZON_DOF)
-        # dy0 = exp(theta) dtheta
-        log_prior: FloatArray = theta[..., 0] - square / 2
-        log_prior = log_prior - (theta[..., 1] / self.scene.slope_std) ** 2 / 2
+        square = square + (askew / scene.slope_std) ** 2 + 2 * scene.cross * apart * askew
+        log_prior: FloatArray = theta[..., 0] - square / 2  # dy0 = exp(theta) dtheta
         if self.shifts is not None:
             shift = self.shifts.shift(theta[..., 3])
             log_prior = log_prior + theta[..., 3] - (shift / self.shifts.width) ** 2 / 2
@@ -213,7 +248,7 @@ def unknowns_of(
         scene=scene,
         noise=with_columns(noise, lambda column: column.reshape(1, -1)),
         foot=_median_foot(everyone, others, levels * n_images),
-        span=float(stance_of(everyone).span_px[0]),
+        span=float(stance_of(everyone).span_px.max()),
         shifts=shift_scales(everyone, levels * n_images) if has_shift else None,
     )
 
