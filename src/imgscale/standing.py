@@ -155,6 +155,7 @@ def scene_of(view: Viewpoint) -> Scene:
         slope_std=SLOPE_STD,
         has_plane=ground is not None,
         has_depth=not view.alone,
+        span=float(view.image_size[1]),
     )
 
 

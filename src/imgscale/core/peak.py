@@ -64,11 +64,11 @@ def starts(unknowns: Unknowns) -> FloatArray:
 
     Returns
     -------
-    (2, n, d) ndarray of float64
-        The best two, of different slopes.
+    (3, n, d) ndarray of float64
+        The best two, of different slopes, and the horizon that was to be expected.
     """
     slopes = unknowns.scene.slope + _SLOPE_STARTS * unknowns.scene.slope_std
-    axes = [_STARTS + math.log(unknowns.span), slopes]
+    axes = [_STARTS + math.log(unknowns.scene.span), slopes]
     if unknowns.shifts is not None:
         axes = [axes[0][::2], axes[1], _SHIFT_STARTS]
     grid = [part.reshape(-1, 1) for part in np.meshgrid(*axes, indexing="ij")]
@@ -89,7 +89,14 @@ def starts(unknowns: Unknowns) -> FloatArray:
         best.append(weight[rows, everyone])
         values.append(theta[rows, everyone])
     order = np.argsort(-np.array(best), axis=0)[:_FOLLOWED]
-    return np.take_along_axis(np.array(values), order[:, :, None], axis=0)
+    followed = np.take_along_axis(np.array(values), order[:, :, None], axis=0)
+    expected = followed[:1].copy()
+    nearest = _NEAREST * unknowns.scene.span
+    expected[0, :, 0] = np.log(np.maximum(unknowns.foot - unknowns.scene.horizon, nearest))
+    expected[0, :, 1] = unknowns.scene.slope
+    if unknowns.scene.has_depth:
+        expected[..., 2] = _median_gap(unknowns, unknowns.nuisance(expected))
+    return np.concatenate([followed, expected])
 
 
 def climb(unknowns: Unknowns, theta: FloatArray) -> Peak:
@@ -146,7 +153,7 @@ def bounded(unknowns: Unknowns, theta: FloatArray) -> FloatArray:
         The median foot 1e-4 to 50 heights of the image from the horizon.
     """
     inside = theta.copy()
-    limits = math.log(_NEAREST * unknowns.span), math.log(_FARTHEST * unknowns.span)
+    limits = math.log(_NEAREST * unknowns.scene.span), math.log(_FARTHEST * unknowns.scene.span)
     inside[..., 0] = np.clip(theta[..., 0], *limits)
     return inside
 

@@ -38,12 +38,14 @@ class Scene(NamedTuple):
         True where somebody told them; else they hold for photos at large, which some leave by far.
     slope, slope_std : float
         Mean and standard deviation of the cross-fall and of the camera's roll together.
-    cross : float
-        Off-diagonal entry of the precision matrix of horizon and slope.
     has_plane : bool
         True where objects stand on a plane; else the horizon only tells the camera's tilt.
     has_depth : bool
         True where there are depths too.
+    span : float
+        Height of the image in pixels.
+    cross : float
+        Off-diagonal entry of the precision matrix of horizon and slope.
     """
 
     horizon: float
@@ -53,6 +55,7 @@ class Scene(NamedTuple):
     slope_std: float
     has_plane: bool
     has_depth: bool
+    span: float
     cross: float = 0.0
 
     def joined(self, horizon: float, slope: float, precision: tuple[float, float, float]) -> Scene:
@@ -102,8 +105,6 @@ class Unknowns(NamedTuple):
         One case of the depths' noise for each image.
     foot : (n,) ndarray of float64
         Median row of the feet.
-    span : float
-        Height of the image in pixels.
     shifts : ShiftScale or None
         The scale of the shifts, where they are unknown.
     """
@@ -113,7 +114,6 @@ class Unknowns(NamedTuple):
     scene: Scene
     noise: Nuisance
     foot: FloatArray
-    span: float
     shifts: ShiftScale | None
 
     @property
@@ -248,7 +248,6 @@ def unknowns_of(
         scene=scene,
         noise=with_columns(noise, lambda column: column.reshape(1, -1)),
         foot=_median_foot(everyone, others, levels * n_images),
-        span=float(stance_of(everyone).span_px.max()),
         shifts=shift_scales(everyone, levels * n_images) if has_shift else None,
     )
 
