@@ -37,9 +37,11 @@ class ScaleBudget:
         Errors of the references' depths, told and learned.
     camera : float
         Error of the focal length and of the metric depth's scale; 0 where it was no witness.
+    shift : float
+        What the unknown shift of an inverse depth adds; on a ground plane the unknown horizon.
     rest : float
         What the errors above do not explain: references that disagree, open alternatives (which
-        reference is wrong, which kind of thing it is, how large the noise is), an unknown shift.
+        reference is wrong, which kind of thing it is, how large the noise is).
     """
 
     individuals: float = attrs.field(eq=nan_as_none)
@@ -47,6 +49,7 @@ class ScaleBudget:
     boxes: float = attrs.field(eq=nan_as_none)
     depths: float = attrs.field(eq=nan_as_none)
     camera: float = attrs.field(eq=nan_as_none)
+    shift: float = attrs.field(eq=nan_as_none)
     rest: float = attrs.field(eq=nan_as_none)
 
     @property
@@ -119,10 +122,12 @@ def scale_budget(model: ScaleModel) -> ScaleBudget:
     Notes
     -----
     With the share a_i of each reference in k the declared errors give
-    ``sum_i a_i^2 (s_i^2 + box_i^2 + depth_i^2) + sum_c (sum_{i in c} a_i)^2 tau_c^2``. Where k is
-    known worse than that, the difference is `rest`; where better, all parts are scaled down alike.
+    ``sum_i a_i^2 (s_i^2 + box_i^2 + depth_i^2) + sum_c (sum_{i in c} a_i)^2 tau_c^2``. A shift of
+    which log k has the correlation r adds r^2 of the variance. Where k is known worse than that,
+    the difference is `rest`; where better, all parts are scaled down alike.
     """
-    return _scale_budget(_declared(model), (model.k_std / model.k) ** 2)
+    total = (model.k_std / model.k) ** 2
+    return _scale_budget([*_declared(model), model.correlation**2 * total], total)
 
 
 def size_budget(model: ScaleModel, estimate: SizeEstimate) -> SizeBudget:
@@ -152,12 +157,13 @@ def size_budget(model: ScaleModel, estimate: SizeEstimate) -> SizeBudget:
         )
     box = _box_var(model, estimate.size_m / estimate.metres_per_pixel)
     depth = _told_depth_var(model, estimate) + (model.depth_rel or 0.0) ** 2
-    scale = _scale_var_at(model, estimate.depth)
+    of_k, of_shift = _scale_vars_at(model, estimate.depth)
+    scale = of_k + of_shift
     (scale, box, depth), rest = _filling([scale, box, depth], total)
     return SizeBudget(
         label=estimate.label,
         axis=estimate.axis,
-        scale=_scale_budget(_declared(model), scale),
+        scale=_scale_budget([*_declared(model), min(of_shift, scale)], scale),
         box=math.sqrt(box),
         depth=math.sqrt(depth),
         rest=math.sqrt(rest),
@@ -221,25 +227,31 @@ def _declared(model: ScaleModel) -> list[float]:
     return [size, sum(part**2 for part in shared.values()), box, depth, camera]
 
 
-def _scale_var_at(model: ScaleModel, depth: float) -> float:
-    """Relative variance of metres per pixel at a depth: with a shift not that of k alone."""
+def _scale_vars_at(model: ScaleModel, depth: float) -> tuple[float, float]:
+    """
+    Split the relative variance of metres per pixel at a depth: k with the shift known, the shift.
+
+    With d = 1 / (D + b) the variance of log k - d b is (1 - r^2) s_k^2 + (r s_k - d s_b)^2.
+    """
     of_k = model.k_std / model.k
     if not LAWS[model.kind].has_shift or math.isnan(depth):
-        return of_k**2
+        return of_k**2, 0.0
     of_shift = model.shift_std * float(LAWS[model.kind].relative_distance(depth, model.shift))
-    return max(of_k**2 + of_shift**2 - 2 * model.correlation * of_k * of_shift, 0.0)
+    left = (1 - model.correlation**2) * of_k**2
+    return left, (model.correlation * of_k - of_shift) ** 2
 
 
 def _scale_budget(declared: list[float], total: float) -> ScaleBudget:
     """Fit declared variances into the one that was found."""
     parts, rest = _filling(declared, total)
-    individuals, mean_sizes, boxes, depths, camera = (math.sqrt(part) for part in parts)
+    individuals, mean_sizes, boxes, depths, camera, shift = (math.sqrt(part) for part in parts)
     return ScaleBudget(
         individuals=individuals,
         mean_sizes=mean_sizes,
         boxes=boxes,
         depths=depths,
         camera=camera,
+        shift=shift,
         rest=math.sqrt(rest),
     )
 

@@ -17,7 +17,7 @@ from imgscale.flags import Flag
 from imgscale.implied_focal import FocalCheck, check_focal
 from imgscale.model import ScaleModel
 from imgscale.next_references import NextReference, next_references
-from imgscale.observations import NO_DEPTH, NO_PRIOR, PARTIAL
+from imgscale.observations import NO_DEPTH, NO_PRIOR, OFF_GROUND, PARTIAL
 from imgscale.reference import OUTLIER, Reference, numbered_labels
 from imgscale.suspicion import Suspicion, suspect
 
@@ -26,7 +26,7 @@ __all__ = ["CarryingReference", "Explanation", "RejectedReference", "explain"]
 _REASONS = {
     PARTIAL: "partial: its box is cut by the border or marked so, and shows a part of its size",
     NO_DEPTH: "no depth: there is no valid depth on it",
-    "not on the ground": "not on the ground: its foot tells no distance",
+    OFF_GROUND: "not on the ground: its foot tells no distance",
 }
 # So many of each kind are written out.
 _MOST_CARRIED, _MOST_SIZES, _MOST_NEXT = 4, 4, 3
@@ -40,6 +40,7 @@ _WORDS = {
     "boxes": "boxes",
     "depths": "depths",
     "camera": "the camera",
+    "shift": "the shift of the depth",
     "rest": "open alternatives",
 }
 _OWN_WORDS = {"scale": "k", "box": "its own box", "depth": "its own depth", "rest": "the rest"}
@@ -103,6 +104,8 @@ class Explanation:
         Detections with a prior that did not.
     without_prior : tuple of str
         Names of the detections without a prior.
+    on_ground : bool
+        True where k is the height of the camera above a ground plane.
     k_budget : ScaleBudget
         What the error of k is made of.
     budgets : tuple of SizeBudget
@@ -122,6 +125,7 @@ class Explanation:
     carried: tuple[CarryingReference, ...]
     rejected: tuple[RejectedReference, ...]
     without_prior: tuple[str, ...]
+    on_ground: bool
     k_budget: ScaleBudget
     budgets: tuple[SizeBudget, ...]
     suspicions: tuple[Suspicion, ...]
@@ -148,7 +152,8 @@ class Explanation:
         if self.rejected:
             texts = [f"{reference.name} ({reference.why})" for reference in self.rejected]
             lines.append(f"Not used: {'; '.join(texts)}.")
-        split = _split(self.k_budget.shares, _WORDS)
+        words = {**_WORDS, "shift": "the horizon"} if self.on_ground else _WORDS
+        split = _split(self.k_budget.shares, words)
         lines.append(f"k has a standard error of {_percent(self.k_budget.rel_std)}{split}.")
         names = numbered_labels([budget.label for budget in self.budgets])
         texts = [_size_text(*pair) for pair in zip(names, self.budgets, strict=True)]
@@ -199,7 +204,6 @@ def explain(model: ScaleModel, estimates: Iterable[SizeEstimate] = ()) -> Explan
     Examples
     --------
     >>> import imgscale as ims
-    >>> from imgscale.explaining import explain
     >>> detections = [ims.Detection("door", (100, 50, 180, 250)),
     ...               ims.Detection("crate", (300, 150, 400, 250)),
     ...               ims.Detection("statue", (500, 80, 600, 230))]
@@ -207,7 +211,7 @@ def explain(model: ScaleModel, estimates: Iterable[SizeEstimate] = ()) -> Explan
     >>> table = ims.PriorTable([ims.ObjectPrior("door", 2.0, 0.02),
     ...                         ims.ObjectPrior("crate", 1.25, 0.05)])
     >>> model = ims.fit(detections, depth, table)
-    >>> print(explain(model, ims.predict(model, detections, depth)[2:]))
+    >>> print(ims.explain(model, ims.predict(model, detections, depth)[2:]))
     k = 0.00250 +- 0.00004 m per px and depth unit (depth unit / focal length) from 2 of 2
     references; without a prior: statue.
     Carried by door (89 %, its own k the same), crate (11 %, its own k the same).
@@ -232,6 +236,7 @@ def explain(model: ScaleModel, estimates: Iterable[SizeEstimate] = ()) -> Explan
             if not ref.used and ref.reason != NO_PRIOR
         ),
         without_prior=tuple(name for name, ref in pairs if ref.reason == NO_PRIOR),
+        on_ground=model.kind == "ground_plane",
         k_budget=scale_budget(model),
         budgets=tuple(size_budget(model, estimate) for estimate in estimates),
         suspicions=suspect(model),

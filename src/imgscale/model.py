@@ -357,12 +357,19 @@ class ScaleModel:
         used = sum(ref.used for ref in self.references)
         candidates = sum(ref.reason != "no prior" for ref in self.references)
         noun = "reference" if candidates == 1 else "references"
-        shift = f", shift {with_error(self.shift, self.shift_std)}," if law.has_shift else ""
+        shift = ""
+        if self.kind == "ground_plane" and self.plane:
+            shift = f", horizon at row {with_error(-self.shift, self.shift_std)} px,"
+        elif law.has_shift:
+            shift = f", shift {with_error(self.shift, self.shift_std)},"
         text = f"{_k_text(self)} ({law.k_meaning}){shift} from {used} of {candidates} {noun}"
         if self.shared:
             text += f" and those of {self.shared.n_frames - 1} other frames"
         if self.camera_is_witness:
             text += " and the camera's focal length"
+        if self.plane and self.kind != "ground_plane":
+            height = with_error(self.plane.camera_height_m, self.plane.camera_height_std_m)
+            text += f"; the camera is {height} m above the ground"
         for title, wanted in (("not used", True), ("without a prior", False)):
             names = [
                 f"{name} ({ref.reason})" if wanted else name

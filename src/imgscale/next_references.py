@@ -34,6 +34,8 @@ _COMMON = frozenset(
 _NEW_LABELS = 3
 # What a tape measure reaches on an object.
 _ON_SITE_REL = 0.005
+# And on a camera's mast; and what a horizon or vanishing lines in the picture tell.
+_HEIGHT_REL, _HORIZON_PX = 0.02, 5.0
 
 
 @attrs.frozen(kw_only=True)
@@ -46,7 +48,7 @@ class NextReference:
     what : str
         The reference, in words.
     label : str
-        Its label.
+        Its label; empty for a measurement of the camera.
     k_rel_std_after : float
         Relative standard error of k with it, >= 0.
     """
@@ -70,7 +72,7 @@ def next_references(model: ScaleModel) -> tuple[NextReference, ...]:
     tuple of NextReference
         The best first: one more of each label used, the best three labels of the table besides
         (common ones, and those of the user's own), and objects in view without a prior, measured
-        on site to 0.5 %.
+        on site to 0.5 %; on a ground plane the camera's height and the horizon too.
 
     Notes
     -----
@@ -88,7 +90,8 @@ def next_references(model: ScaleModel) -> tuple[NextReference, ...]:
         group[0] += 1 / max(float(own_variances(model, ref).sum()), 1e-12)
     now = sum(_information(*group) for group in weights.values()) + _of_camera(model)
     budget = scale_budget(model)
-    declared, rest = budget.rel_std**2 - budget.rest**2, budget.rest**2
+    rest = budget.rest**2 + budget.shift**2
+    declared = budget.rel_std**2 - rest
 
     def after(old: Sequence[float], variance: float) -> float:
         gained = _information(old[0] + 1 / max(variance, 1e-12), old[1]) - _information(*old)
@@ -120,7 +123,27 @@ def next_references(model: ScaleModel) -> tuple[NextReference, ...]:
             what = f"the {name}, measured on site to {100 * _ON_SITE_REL:g} %"
             k_after = after([0.0, 0.0], variance)
             found.append(NextReference(what=what, label=ref.label, k_rel_std_after=k_after))
-    return tuple(_ranked(found))
+    return tuple(_ranked([*found, *_of_plane(model)]))
+
+
+def _of_plane(model: ScaleModel) -> list[NextReference]:
+    """Tell what a measured camera height, or a known horizon, would make of k."""
+    if model.kind != "ground_plane" or not model.plane:
+        return []
+    of_k = model.k_std / model.k
+    height = 1 / math.hypot(1 / of_k, 1 / _HEIGHT_REL) if of_k else 0.0
+    ratio = 1 / (1 + (model.plane.horizon_std_px / _HORIZON_PX) ** 2)
+    horizon = of_k * math.sqrt(1 - model.correlation**2 * (1 - ratio))
+    return [
+        NextReference(
+            what=f"the camera's height, measured to {100 * _HEIGHT_REL:g} %",
+            label="",
+            k_rel_std_after=height,
+        ),
+        NextReference(
+            what=f"the horizon, known to {_HORIZON_PX:g} px", label="", k_rel_std_after=horizon
+        ),
+    ]
 
 
 def _information(weight: float, tau: float) -> float:
