@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ _REACH = 4.5
 _NEGLIGIBLE = 3e-6
 _MISSING = 1e-3
 _SAFE = 1e-12
+# More components than this are merged where they differ by less than 0.15 standard deviations in
+# their means, and less than 19 % in these: quantiles move by 0.4 % of the width at most.
+_MANY, _SAME_MEAN, _SAME_LOG_STD = 300, 0.15, 0.25 * math.log(2)
 
 
 class Mixture(NamedTuple):
@@ -72,6 +76,23 @@ def half_width(quantiles: FloatArray) -> FloatArray:
     return np.where(np.isposinf(high), np.inf, high - np.where(np.isposinf(low), 0.0, low)) / 2
 
 
+def _merged(
+    weight: FloatArray, mean: FloatArray, std: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Merge components that are nearly the same, keeping mean and variance."""
+    size = np.round(np.log(std) / _SAME_LOG_STD)
+    place = np.floor(mean / (_SAME_MEAN * np.exp(size * _SAME_LOG_STD)))
+    order = np.lexsort((place, size))
+    new = (np.diff(size[order], prepend=np.nan) != 0) | (np.diff(place[order], prepend=np.nan) != 0)
+    starts = np.flatnonzero(new)
+    total = np.add.reduceat(weight[order], starts)
+    middle = np.add.reduceat((weight * mean)[order], starts) / total
+    group = np.cumsum(new) - 1
+    spread = std[order] ** 2 + (mean[order] - middle[group]) ** 2
+    variance = np.add.reduceat(weight[order] * spread, starts) / total
+    return total, middle, np.sqrt(variance)
+
+
 def _quantiles(weight: FloatArray, mean: FloatArray, variance: FloatArray) -> FloatArray:
     """Invert the cumulative distribution in standard scores, in which it is nearly straight."""
     from scipy import special  # noqa: PLC0415 - tens of milliseconds of import
@@ -83,6 +104,8 @@ def _quantiles(weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Fl
     if not mean.size or np.isnan(mean).any():
         return np.full(SCORES.size, np.nan)
     std = np.maximum(std, _SAFE * (1 + np.abs(mean)))
+    if mean.size > _MANY:
+        weight, mean, std = _merged(weight, mean, std)
     low, high = float((mean - _REACH * std).min()), float((mean + _REACH * std).max())
     at: FloatArray = np.linspace(low, high, _ABSCISSAE)
     wanted = np.linspace(-_REACH, _REACH, _ABSCISSAE)

@@ -241,7 +241,7 @@ def observe_under(witnesses: Sized, nuisance: Nuisance) -> LogObservations:
     share: FloatArray = sighting.share.reshape(ways, -1).T
     prior_log = np.tile(witnesses.prior_log, count)
     prior_var = np.tile(witnesses.prior_var, count)
-    lost: BoolArray = np.equal(log_size, np.inf)
+    lost: BoolArray = np.isinf(log_size) & (log_size > 0)
     log_size = np.where(lost, prior_log[:, None] - _LOST_LOG_K, log_size)
     noise_var = np.where(lost, _LOST_VAR, noise_var)
     prior = Parts(*(np.tile(column, (count, 1)) for column in witnesses.prior))
