@@ -421,8 +421,12 @@ def _plain_record(prior: ObjectPrior) -> dict[str, Any]:
 
 
 def _shared(item: Mapping[str, Any]) -> SharedScale:
-    rows = {name: tuple(SharedReference(**row) for row in item[name]) for name in ("own", "others")}
-    return SharedScale(**{**item, **rows})
+    fields: dict[str, Any] = {name: item[name] for name in item.keys() - {"own", "others"}}
+    return SharedScale(
+        own=tuple(SharedReference(**row) for row in item["own"]),
+        others=tuple(SharedReference(**row) for row in item["others"]),
+        **fields,
+    )
 
 
 def _reference(item: Mapping[str, Any]) -> Reference:

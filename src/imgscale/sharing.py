@@ -291,9 +291,8 @@ def _with_scale_shared(kept: Sequence[_Kept]) -> list[Setting]:
         groups = pool.witnesses.group[own]
         part = rows.rows(own)
         others = everyone.without(totals(part, groups, len(pool.keys)))
-        of_own = [
-            _row(part, row, pool.keys[group], origin) for row, group in enumerate(groups.tolist())
-        ]
+        keys = [pool.keys[int(group)] for group in groups]
+        of_own = [_row(part, row, key, origin) for row, key in enumerate(keys)]
         if not is_pooled:  # thinned out: its references weigh nothing
             of_own = _weightless(frame, float(found.log_k[0]))
         shared = SharedScale(

@@ -21,6 +21,7 @@ from imgscale.core.witnesses import Nuisance, Sized, numbered
 _OFF_PLANE = 0.1
 # A reference seen above the horizon is wrong, one in twenty, and tells nothing of k: it counts as
 # a camera height of 1.7 m within a factor of e.
+_BEYOND = float(np.finfo(np.float64).max)
 _LOST_LOG_WEIGHT, _LOST_LOG_K, _LOST_VAR = math.log(0.05), math.log(1.7), 1.0
 
 
@@ -241,7 +242,7 @@ def observe_under(witnesses: Sized, nuisance: Nuisance) -> LogObservations:
     share: FloatArray = sighting.share.reshape(ways, -1).T
     prior_log = np.tile(witnesses.prior_log, count)
     prior_var = np.tile(witnesses.prior_var, count)
-    lost: BoolArray = np.isinf(log_size) & (log_size > 0)
+    lost: BoolArray = log_size > _BEYOND
     log_size = np.where(lost, prior_log[:, None] - _LOST_LOG_K, log_size)
     noise_var = np.where(lost, _LOST_VAR, noise_var)
     prior = Parts(*(np.tile(column, (count, 1)) for column in witnesses.prior))
@@ -287,7 +288,7 @@ def plane_evidence(objects: Sized, nuisance: Nuisance) -> FloatArray:
     if nuisance.gap is None:
         return total
     sighting = sight(objects, nuisance)
-    lost = np.isposinf(sighting.log_size[0])
+    lost: BoolArray = sighting.log_size[0] > _BEYOND
     of_row = sighting.evidence + np.where(lost, _LOST_LOG_WEIGHT, 0.0)
     np.add.at(total.T, objects.image, of_row.T)
     return total
