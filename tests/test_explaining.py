@@ -232,15 +232,37 @@ def test_a_conflict_with_the_camera_is_told_in_numbers():
     stale = ims.Camera(1.5 * FOCAL, focal_rel_std=0.02)
     model = fitted(camera=stale)
     explanation = explain(model)
-    assert explanation.camera_conflict
+    (conflict,) = explanation.conflicts
+    assert conflict.what == "focal length"
+    assert conflict.told == pytest.approx(1.5 * FOCAL, rel=1e-12)
+    assert conflict.implied == pytest.approx(FOCAL, rel=0.03)
+    assert conflict.z_score < -3
     assert explanation.focal.given_px == 1.5 * FOCAL
     assert explanation.focal.implied_px == pytest.approx(FOCAL, rel=0.03)
     assert explanation.focal.z_score < -3
-    # a suspicion says it once; without one the conflict speaks for itself
-    assert "Suspicion: stale focal length" in str(explanation)
-    text = str(attrs.evolve(explanation, suspicions=()))
-    assert "Conflict: the camera says a focal length of 1350 +- 27 px" in text
-    assert f"{abs(explanation.focal.z_score):.1f} standard errors apart" in text
+    text = str(explanation)
+    assert "Suspicion: stale focal length" in text
+    assert "Conflict: the focal length was told as 1350 +- 27 px" in text
+    assert f"{abs(conflict.z_score):.1f} standard errors apart" in text
+
+
+def test_a_camera_height_that_the_picture_contradicts_is_told_in_numbers():
+    # level, 1.5 m up, the horizon at row 360: people of 1.675 m and doors of 2.03 m stand on it
+    rows = [(1.675, "person", 700.0), (1.675, "person", 520.0), (2.03, "door", 610.0)] * 2
+    detections = [
+        ims.Detection(label, (100.0 * i, foot - size / 1.5 * (foot - 360), 100.0 * i + 60, foot))
+        for i, (size, label, foot) in enumerate(rows, start=1)
+    ]
+    told = {"horizon_px": 360.0, "horizon_std_px": 2.0, "camera_height_std_m": 0.02}
+    plane = ims.GroundPlane(image_size=(1280, 720), camera_height_m=3.0, **told)
+    model = ims.fit(detections, plane)
+    assert ims.Flag.CAMERA_CONFLICT in model.flags
+    (conflict,) = explain(model).conflicts
+    assert conflict.what == "camera height"
+    assert conflict.told == 3.0
+    assert conflict.implied == pytest.approx(1.5, rel=0.08)
+    sound = ims.GroundPlane(image_size=(1280, 720), camera_height_m=1.5, **told)
+    assert ims.Flag.CAMERA_CONFLICT not in ims.fit(detections, sound).flags
 
 
 def test_the_gain_of_one_more_of_a_label_follows_its_information():

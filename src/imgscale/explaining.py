@@ -9,15 +9,19 @@ from typing import Any
 import attrs
 
 from imgscale._checks import check_iterable, check_type, nan_as_none
-from imgscale._format import with_error
 from imgscale.budget import ScaleBudget, SizeBudget, scale_budget, size_budget
+from imgscale.camera import Camera
 from imgscale.claims import claims_of
+from imgscale.conflicts import Conflict, conflicts
+from imgscale.core.solving import Problem
+from imgscale.depth import GroundPlane
 from imgscale.estimate import SizeEstimate
 from imgscale.flags import Flag
 from imgscale.implied_focal import FocalCheck, check_focal
 from imgscale.model import ScaleModel
 from imgscale.next_references import NextReference, next_references
 from imgscale.observations import NO_DEPTH, NO_PRIOR, OFF_GROUND, PARTIAL
+from imgscale.posing import problem_of_model
 from imgscale.reference import OUTLIER, Reference, numbered_labels
 from imgscale.suspicion import Suspicion, suspect
 
@@ -115,8 +119,9 @@ class Explanation:
     focal : FocalCheck or None
         What references and metric depth say of the focal length, beside the camera's; None for
         other kinds and without references.
-    camera_conflict : bool
-        True where the two disagree, as the model is flagged.
+    conflicts : tuple of Conflict
+        Where what was told of the camera disagrees with references and depth by more than 3
+        standard errors, as the model is flagged.
     next_references : tuple of NextReference
         Which further reference would narrow k most, the best first.
     """
@@ -130,7 +135,7 @@ class Explanation:
     budgets: tuple[SizeBudget, ...]
     suspicions: tuple[Suspicion, ...]
     focal: FocalCheck | None
-    camera_conflict: bool
+    conflicts: tuple[Conflict, ...]
     next_references: tuple[NextReference, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -162,8 +167,7 @@ class Explanation:
         if hidden > 0:
             lines.append(f"And {hidden} more {'size' if hidden == 1 else 'sizes'}.")
         lines += [f"Suspicion: {suspicion}" for suspicion in self.suspicions]
-        if self.camera_conflict and not self.suspicions and self.focal:
-            lines.append(_conflict_text(self.focal))
+        lines += [f"Conflict: {conflict}." for conflict in self.conflicts]
         lines.append(self._advice())
         return "\n".join(lines)
 
@@ -241,7 +245,7 @@ def explain(model: ScaleModel, estimates: Iterable[SizeEstimate] = ()) -> Explan
         budgets=tuple(size_budget(model, estimate) for estimate in estimates),
         suspicions=suspect(model),
         focal=check_focal(model, claims_of(model)),
-        camera_conflict=Flag.CAMERA_CONFLICT in model.flags,
+        conflicts=_conflicts(model),
         next_references=next_references(model),
     )
 
@@ -296,13 +300,16 @@ def _size_text(name: str, budget: SizeBudget) -> str:
     return f"{name}: its {budget.axis} has a standard error of {_percent(budget.rel_std)}{split}."
 
 
-def _conflict_text(focal: FocalCheck) -> str:
-    implied = with_error(focal.implied_px, focal.implied_px * focal.implied_rel_std)
-    given = with_error(focal.given_px, focal.given_px * focal.given_rel_std)
-    return (
-        f"Conflict: the camera says a focal length of {given} px, references and depth say "
-        f"{implied} px, {abs(focal.z_score):.1f} standard errors apart."
-    )
+def _conflicts(model: ScaleModel) -> tuple[Conflict, ...]:
+    """Compare once more what was told of the camera, where the model is flagged."""
+    if Flag.CAMERA_CONFLICT not in model.flags:
+        return ()
+
+    def pose(camera: Camera | None, ground: GroundPlane | None) -> Problem:
+        return problem_of_model(attrs.evolve(model, camera=camera, ground=ground))[0]
+
+    camera = model.camera if model.kind == "metric" else None
+    return conflicts(camera, model.ground, model.scale_rel_std, model.method, pose)
 
 
 def _split(shares: Mapping[str, float], words: Mapping[str, str]) -> str:

@@ -11,8 +11,9 @@ import numpy as np
 from imgscale._checks import check_choice, check_type
 from imgscale._typing import DepthKind, FitMethod
 from imgscale.camera import Camera
-from imgscale.columns import camera_witness, chosen, in_groups, objects_of, shared_keys
-from imgscale.core.mixture import MEDIAN, half_width
+from imgscale.columns import in_groups, objects_of, shared_keys
+from imgscale.conflicts import Conflict, conflicts
+from imgscale.core.mixture import half_width
 from imgscale.core.predictive import scale_of
 from imgscale.core.solving import Estimate, PlaneEstimate, Problem, estimate
 from imgscale.core.witnesses import Sized
@@ -34,7 +35,6 @@ from imgscale.referencing import Belief, explain_references
 __all__ = ["fit"]
 
 METHODS: tuple[FitMethod, ...] = get_args(FitMethod)
-_CONFLICT_Z = 3.0
 _SCATTER_Z = 2.0
 _LARGEST_PHOTO_PX = 20_000.0
 
@@ -249,7 +249,7 @@ def fit_observed(
         plane=plane,
         mean_depth=_mean_depth(references, setting.kind, shift["shift"]),
         references=references,
-        flags=_flags(references, obs, problem, found, setting),
+        flags=_flags(detections, references, obs, found, setting),
         depth_rel=_depth_rel(found, problem, setting),
         **setting.kept(),
     )
@@ -375,9 +375,9 @@ def _mean_depth(references: Sequence[Reference], kind: DepthKind, shift: float) 
 
 
 def _flags(
+    detections: Sequence[Detection],
     references: Sequence[Reference],
     obs: Observations,
-    problem: Problem,
     found: Estimate,
     setting: Setting,
 ) -> Flag:
@@ -397,7 +397,7 @@ def _flags(
             Flag.SINGLE_LABEL: count > 1 and len(labels) == 1 and not has_camera,
             Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
             Flag.INCONSISTENT: bool(found.inconsistent[0]) or _scattered(references, setting),
-            Flag.CAMERA_CONFLICT: _camera_conflicts(problem, setting),
+            Flag.CAMERA_CONFLICT: bool(_conflicts(detections, obs, setting)),
             Flag.IMPLAUSIBLE_FOCAL: _implausible_focal(references, found, setting),
             Flag.MIXED_DEPTH: any(bool(obs.mixed[index]) for index in used),
         }
@@ -411,19 +411,18 @@ def _scattered(references: Sequence[Reference], setting: Setting) -> bool:
     return not rejects and z_scores.size > 1 and float(np.mean(z_scores**2)) > _SCATTER_Z**2
 
 
-def _camera_conflicts(problem: Problem, setting: Setting) -> bool:
-    """Compare the camera with what all references of metric depth say together without it."""
-    witnesses = problem.witnesses
-    height = False if witnesses.stance is None else witnesses.stance.is_height
-    rows = np.flatnonzero(~witnesses.firm | height)
-    if setting.camera is None or setting.kind != "metric" or witnesses.firm.all():
-        return False
-    alone = problem._replace(witnesses=chosen(problem.witnesses, rows), exact=False)
-    cases = solve_by("robust" if setting.method == "posterior" else setting.method, alone)
-    scale = scale_of(cases).quantiles()
-    says = camera_witness(setting.camera, setting.scale_rel_std)
-    error = math.hypot(math.sqrt(says.variance), float(half_width(scale)[0]))
-    return abs(says.log_value - float(scale[0, MEDIAN])) > _CONFLICT_Z * error
+def _conflicts(
+    detections: Sequence[Detection], obs: Observations, setting: Setting
+) -> tuple[Conflict, ...]:
+    """Compare the camera with what all references say together without it."""
+    if not (obs.eligible.size or setting.shared):
+        return ()
+
+    def pose(camera: Camera | None, ground: GroundPlane | None) -> Problem:
+        return problem_of(detections, obs, setting._replace(camera=camera, ground=ground))
+
+    camera = setting.camera if setting.kind == "metric" else None
+    return conflicts(camera, setting.ground, setting.scale_rel_std, setting.method, pose)
 
 
 def _implausible_focal(references: Sequence[Reference], found: Estimate, setting: Setting) -> bool:

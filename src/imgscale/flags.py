@@ -23,7 +23,8 @@ class Flag(enum.Flag):
     INCONSISTENT : Flag
         The references disagree by much more than their errors; the interval was widened.
     CAMERA_CONFLICT : Flag
-        The focal length given disagrees with references and depth by more than 3 standard errors.
+        The focal length or the camera height given disagrees with references and depth by more than
+        3 standard errors; `explain` tells the numbers.
     IMPLAUSIBLE_FOCAL : Flag
         The focal length implied by metric depth is outside 0.3 to 6 times the longer image side, or
         the camera's is below: a unit is wrong.

@@ -24,6 +24,7 @@ _SAFE = 1e-12
 # More components than this are merged where they differ by less than 0.15 standard deviations in
 # their means, and less than 19 % in these: quantiles move by 0.4 % of the width at most.
 _MANY, _SAME_MEAN, _SAME_LOG_STD = 300, 0.15, 0.25 * math.log(2)
+_OFF = 0.618
 
 
 class Mixture(NamedTuple):
@@ -80,8 +81,10 @@ def _merged(
     weight: FloatArray, mean: FloatArray, std: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Merge components that are nearly the same, keeping mean and variance."""
-    size = np.round(np.log(std) / _SAME_LOG_STD)
-    place = np.floor(mean / (_SAME_MEAN * np.exp(size * _SAME_LOG_STD)))
+    # counted from the ends, and from no round number, so that shifted mixtures merge alike
+    size = np.floor(np.log(std / std.max()) / _SAME_LOG_STD + _OFF)
+    width = _SAME_MEAN * std.max() * np.exp(size * _SAME_LOG_STD)
+    place = np.floor((mean - mean.min()) / width + _OFF)
     order = np.lexsort((place, size))
     new = (np.diff(size[order], prepend=np.nan) != 0) | (np.diff(place[order], prepend=np.nan) != 0)
     starts = np.flatnonzero(new)
