@@ -21,7 +21,8 @@ from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
 from imgscale.detection import Detection, check_detections
 from imgscale.fitted_plane import FittedPlane
 from imgscale.flags import Flag, flags_where
-from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
+from imgscale.implied_focal import plausible_focal
+from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.object_depth import with_image_size
@@ -36,7 +37,6 @@ __all__ = ["fit"]
 
 METHODS: tuple[FitMethod, ...] = get_args(FitMethod)
 _SCATTER_Z = 2.0
-_LARGEST_PHOTO_PX = 20_000.0
 
 
 def fit(
@@ -427,12 +427,7 @@ def _conflicts(
 
 def _implausible_focal(references: Sequence[Reference], found: Estimate, setting: Setting) -> bool:
     """Tell whether the implied or the given focal length belongs to no camera that takes photos."""
-    if setting.image_size:
-        smallest = largest = float(max(setting.image_size))
-    else:  # somewhere between the boxes and the largest photos
-        smallest = max((max(ref.xyxy) for ref in references), default=0.0)
-        largest = max(smallest, _LARGEST_PHOTO_PX)
-    low, high = PLAUSIBLE_FOCAL[0] * smallest, PLAUSIBLE_FOCAL[1] * largest
+    low, high = plausible_focal(setting.image_size, references)
     # a camera's may be that of a telephoto or a crop, but never as short as its millimetres
     too_short = setting.camera is not None and setting.camera.focal_px < low
     implied = math.exp(-float(found.log_k[0]))

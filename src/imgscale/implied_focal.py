@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
 import attrs
 import numpy as np
 
 from imgscale._checks import nan_as_none
-from imgscale._typing import FloatArray
+from imgscale._typing import FloatArray, ImageSize
 from imgscale.claims import Claims
 from imgscale.laws import PLAUSIBLE_FOCAL
 from imgscale.model import ScaleModel
 from imgscale.readings import log_k_of, normal_below
+from imgscale.reference import Reference
 
 UnitCause: TypeAlias = Literal[
     "millimetres",
@@ -106,14 +108,18 @@ class FocalCheck:
         return sorted((name for name in UNITS if off[name] < reach), key=off.__getitem__)
 
 
-def plausible_focal(model: ScaleModel) -> tuple[float, float]:
+def plausible_focal(
+    image_size: ImageSize | None, references: Sequence[Reference]
+) -> tuple[float, float]:
     """
-    Tell the focal lengths of cameras that take photos of the model's size.
+    Tell the focal lengths of cameras that take photos of a size.
 
     Parameters
     ----------
-    model : ScaleModel
-        The model.
+    image_size : (width, height) or None
+        Size of the photo in pixels, where it is known.
+    references : sequence of Reference
+        What is in it.
 
     Returns
     -------
@@ -121,10 +127,10 @@ def plausible_focal(model: ScaleModel) -> tuple[float, float]:
         In pixels: 0.3 and 6 times the longer image side or, where the size is not known, of a
         photo between what the boxes reach and 20 000 pixels.
     """
-    if model.image_size:
-        smallest = largest = float(max(model.image_size))
+    if image_size:
+        smallest = largest = float(max(image_size))
     else:
-        smallest = max((max(ref.xyxy) for ref in model.references), default=0.0)
+        smallest = max((max(ref.xyxy) for ref in references), default=0.0)
         largest = max(smallest, _LARGEST_PHOTO_PX)
     return PLAUSIBLE_FOCAL[0] * smallest, PLAUSIBLE_FOCAL[1] * largest
 
@@ -149,7 +155,7 @@ def check_focal(model: ScaleModel, claims: Claims) -> FocalCheck | None:
     if model.kind != "metric" or not claims.size:
         return None
     log_k = log_k_of(claims)
-    low, high = plausible_focal(model)
+    low, high = plausible_focal(model.image_size, model.references)
     camera = model.camera if model.camera and model.camera.focal_px >= low else None
     given_px, given_std = math.nan, math.nan
     if camera:

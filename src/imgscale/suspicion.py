@@ -281,7 +281,7 @@ def _culprit(model: ScaleModel, claims: Claims) -> str:
 def _wrong_scale(model: ScaleModel, claims: Claims, found: Sequence[Suspicion]) -> list[Suspicion]:
     """Compare the focal length with what it should be."""
     suspicions: list[Suspicion] = []
-    low, _ = plausible_focal(model)
+    low, _ = plausible_focal(model.image_size, model.references)
     if model.camera and model.camera.focal_px < low:
         detail = (
             f"the camera's focal length of {model.camera.focal_px:g} px would be that of a "
