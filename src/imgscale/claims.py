@@ -15,6 +15,7 @@ from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.prior_choice import log_kinds, log_moments, mean_key, rows_along
 from imgscale.reference import Reference
+from imgscale.standing import scene_of, stance_of, viewpoint
 
 
 class Claims(NamedTuple):
@@ -161,16 +162,11 @@ def with_focal(claims: Claims, focal_px: float, rel_std: float) -> Claims:
 
 def _log_tilt(model: ScaleModel, refs: Sequence[Reference]) -> FloatArray:
     """Log of what a level camera would show of upright objects over what a tilted one does."""
-    level = np.zeros(len(refs))
-    camera, size = model.camera, model.image_size
-    if camera is None or (camera.cy is None and size is None):
-        return level
-    centre = size[1] / 2 if camera.cy is None and size else camera.cy or 0.0
-    tangent = math.tan(math.radians(camera.pitch_deg))
-    if model.horizon_px is not None:
-        tangent = (centre - model.horizon_px) / camera.focal_px
-    middle = np.array([(ref.xyxy[1] + ref.xyxy[3]) / 2 - centre for ref in refs])
-    # p = f H / Z cos(pitch) (1 - tan(pitch) y / f), y the middle row
-    seen = np.maximum(1 - tangent * middle / camera.focal_px, 1e-3)
+    view = viewpoint(model.kind, model.ground, model.camera, model.image_size, model.noise)
+    if view is None:
+        return np.zeros(len(refs))
+    horizon = scene_of(view).horizon if model.plane is None else model.plane.horizon_px - view.cy
+    boxes = np.array([ref.xyxy for ref in refs], dtype=np.float64).reshape(-1, 4)
     upright = np.array([ref.axis == "height" for ref in refs], dtype=np.bool_)
-    return np.where(upright, np.log1p(tangent**2) / 2 - np.log(seen), level)
+    stance = stance_of(view, boxes, boxes[:, 2:] * np.nan, upright, np.zeros(len(refs)))
+    return stance.tilts(np.full((1, len(refs)), horizon)).by_depth[0]
