@@ -19,6 +19,8 @@ _USUAL_SIZE = (1242, 375)
 _NEAREST_M = 2.0
 _MOST_OCCLUDED = 1
 _LIDAR_UNITS_PER_M = 256.0
+# As published, for all its cars; pitch and the slope of the road move the true one by some percent.
+_CAMERA_HEIGHT_M = 1.65
 
 
 @dataclass(frozen=True)
@@ -26,8 +28,11 @@ class _Frame:
     """What holds for a whole image."""
 
     drive: str
+    time: int
     image_size: tuple[int, int]
     focal_px: float
+    horizon_px: float
+    """The row of the principal point: the horizon of a level camera on a level road."""
     shift_z_m: float
     """What z in camera 2 has over z in the rectified camera 0, in which labels are."""
 
@@ -48,8 +53,11 @@ def read_scenes(folders: Folders) -> list[Scene]:
             Scene(
                 name=path.stem,
                 drive=frame.drive,
+                time=frame.time,
                 image_size=frame.image_size,
                 focal_px=frame.focal_px,
+                camera_height_m=_CAMERA_HEIGHT_M,
+                horizon_px=frame.horizon_px,
                 things=things,
                 detected={
                     name: kitti_detections.match(things, found.get(path.stem, ()), frame.image_size)
@@ -75,8 +83,10 @@ def _read_frames(path: Path | None) -> dict[str, _Frame]:
 def _frame_of_row(row: Mapping[str, str]) -> _Frame:
     return _Frame(
         drive=row["drive"],
+        time=int(row["raw_frame"]),
         image_size=(int(row["width"]), int(row["height"])),
         focal_px=float(row["fy"]),
+        horizon_px=float(row["cy"]),
         shift_z_m=float(row["tz"]),
     )
 
@@ -98,7 +108,14 @@ def _frame_of_files(name: str, folders: Folders) -> _Frame:
     if (folders.images / f"{name}.png").is_file():
         with Image.open(folders.images / f"{name}.png") as image:
             size = image.size
-    return _Frame(name, size, float(projection[1, 1]), float(projection[2, 3]))
+    return _Frame(
+        drive=name,
+        time=0,
+        image_size=size,
+        focal_px=float(projection[1, 1]),
+        horizon_px=float(projection[1, 2]),
+        shift_z_m=float(projection[2, 3]),
+    )
 
 
 def _read_things(path: Path, frame: _Frame) -> tuple[Thing, ...]:
@@ -130,7 +147,8 @@ def _read_thing(words: list[str], index: int, frame: _Frame) -> Thing | None:
     centre = z + frame.shift_z_m
     if centre - half < _NEAREST_M:
         return None
-    return Thing(index, label, box, height, surface_m=centre - half, centre_m=centre)
+    track = " ".join((label, *words[8:11]))  # the sizes of one object are the same in all images
+    return Thing(index, label, box, height, surface_m=centre - half, centre_m=centre, track=track)
 
 
 def _box(words: list[str]) -> Box:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -18,9 +19,9 @@ def are_apart(boxes: Sequence[Box]) -> bool:
     return not any(_overlap(one, other) for one, other in combinations(boxes, 2))
 
 
-def paint(things: Sequence[Thing], image_size: tuple[int, int], seed: Sequence[int]) -> FloatArray:
-    """Paint z-depth in metres over the image."""
-    rng = np.random.default_rng(seed)
+def paint(things: Sequence[Thing], image_size: tuple[int, int], name: str) -> FloatArray:
+    """Paint z-depth in metres over the image, the same for the same name."""
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
     width, height = image_size
     depth: FloatArray = np.full((height, width), _WALL_M)
     for thing in things:

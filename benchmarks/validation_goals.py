@@ -44,6 +44,9 @@ def goals(rows: Mapping[str, Row], scores: Mapping[str, Scores]) -> list[Goal]:
         _against_class_mean(rows, scores),
         _damage(scores),
         _detectors(scores),
+        _feet(scores),
+        _ground(scores),
+        _pooled(scores),
     )
     return [goal for part in parts for goal in part]
 
@@ -73,6 +76,33 @@ _MEDIANS = {
     "L-affine.03-0-Pedestrian": 3.3,
     "L-affine.03-5-Car": 4.8,
     "L-affine.03-5-Pedestrian": 4.2,
+}
+_FOOT_MEDIANS = {
+    "L-foot-told-0": 3.4,
+    "L-foot-told-5": 4.1,
+    "L-foot-told-10": 4.5,
+    "L-foot-told-20": 4.8,
+    "U-foot-told-0": 4.2,
+    "U-foot-told-5": 5.9,
+    "U-foot-told-10": 8.1,
+    "U-foot-told-20": 10.0,
+    "frustum-foot-fused": 4.4,
+    "zenuity-foot-fused": 5.1,
+}
+_GROUND_MEDIANS = {
+    "ground-fused": 4.7,
+    "ground-unfused": 6.6,
+    "pooled-ground-fused": 4.3,
+    "pooled-ground-unfused": 5.1,
+    "pooled-camera-height": 5.0,
+    "pooled-camera-horizon": 6.0,
+}
+_POOLED_MEDIANS = {
+    "pooled-k-told-0": 2.2,
+    "pooled-k-told-5": 2.2,
+    "pooled-k-tracks-told-0": 1.8,
+    "pooled-k-tracks-told-5": 1.8,
+    "pooled-height-unfused-0": 2.2,
 }
 
 
@@ -119,3 +149,25 @@ def _detectors(scores: Mapping[str, Scores]) -> Iterator[Goal]:
     for boxes, high in (("frustum", 4.6), ("zenuity", 5.3)):
         yield _bound(scores, f"{boxes}-fused", "median", high)
         yield _bound(scores, f"{boxes}-fused", "coverage_90", 94.0, 86.0)
+
+
+def _feet(scores: Mapping[str, Scores]) -> Iterator[Goal]:
+    for name, high in _FOOT_MEDIANS.items():
+        yield _bound(scores, name, "median", high)
+    for protocol in "LU":
+        for percent in (0, *_NOISY):
+            yield _bound(scores, f"{protocol}-foot-drive-{percent}", "coverage_90", 98.0, 86.0)
+
+
+def _ground(scores: Mapping[str, Scores]) -> Iterator[Goal]:
+    for name, high in _GROUND_MEDIANS.items():
+        yield _bound(scores, name, "median", high)
+    for name in ("ground-fused", "ground-unfused"):
+        yield _bound(scores, name, "coverage_90", 97.0, 88.0)
+
+
+def _pooled(scores: Mapping[str, Scores]) -> Iterator[Goal]:
+    for name, high in _POOLED_MEDIANS.items():
+        yield _bound(scores, name, "median", high)
+        if name.startswith("pooled-k"):
+            yield _bound(scores, name, "coverage_90", 96.0, 84.0)

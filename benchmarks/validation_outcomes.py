@@ -1,10 +1,8 @@
-"""Run the library over scenes and collect, object by object, how far off it was."""
+"""What the library answered, object by object, beside the truth."""
 
 from __future__ import annotations
 
 import math
-import sys
-import time
 from collections.abc import Sequence
 from statistics import NormalDist
 from typing import NamedTuple
@@ -12,14 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from validation_priors import class_mean
-from validation_protocols import Answer, Setting, fit_model, size_objects
-from validation_runs import Run
-from validation_scenes import FloatArray, Scene
-from validation_views import View, view_of
+from validation_protocols import Answer, Setting
+from validation_scenes import FloatArray
+from validation_views import View
 
 import imgscale as ims
 
 LEVELS = (0.5, 0.9, 0.95)
+# What protocol "k" says of the ground plane goes by these labels.
+CAMERA_HEIGHT = "camera height"
+HORIZON = "horizon"
 
 
 class Outcome(NamedTuple):
@@ -31,12 +31,21 @@ class Outcome(NamedTuple):
     label: str
     references: int
     error: float
+    """Relative; in log for a focal length or a camera's height, in pixels for a horizon."""
     covered: tuple[bool, ...]
     """By the intervals of each level."""
-    class_error: float
+    class_error: float = math.nan
     """Of the mean of its class."""
-    focal_error: float
+    focal_error: float = math.nan
     """Of its pixels and depth with the true focal length."""
+
+
+class Part(NamedTuple):
+    """What came of a part of a run."""
+
+    outcomes: list[Outcome]
+    refused_images: int = 0
+    refused: int = 0
 
 
 class Outcomes(NamedTuple):
@@ -59,89 +68,58 @@ class Outcomes(NamedTuple):
     """Objects in the other images without a depth or a size."""
 
 
-class Validation:
-    """Scenes, a table of sizes and a method; remembers what it has run."""
-
-    def __init__(self, scenes: Sequence[Scene], setting: Setting) -> None:
-        self.scenes = scenes
-        self.setting = setting
-        self._done: dict[Run, Outcomes] = {}
-
-    def outcomes(self, run: Run) -> Outcomes:
-        """Run it, once."""
-        if run not in self._done:
-            start = time.perf_counter()
-            self._done[run] = self._run(run)
-            seconds = time.perf_counter() - start
-            print(f"{seconds:7.1f} s  {run.summary}", file=sys.stderr, flush=True)
-        return self._done[run]
-
-    def _run(self, run: Run) -> Outcomes:
-        found: list[Outcome] = []
-        refused_images = refused = unanswered = 0
-        for number, scene in enumerate(self.scenes):
-            view = view_of(scene, run)
-            if view is None:
-                continue
-            try:
-                outcomes = self._outcomes_of(number, view)
-            except ims.FitError:
-                refused_images += 1
-                refused += len(view.targets)
-                continue
-            answered = [outcome for outcome in outcomes if math.isfinite(outcome.error)]
-            unanswered += len(outcomes) - len(answered)
-            found += answered
-        return _columns(found, refused_images, refused, unanswered)
-
-    def _outcomes_of(self, number: int, view: View) -> list[Outcome]:
-        if view.run.protocol == "k":
-            return [_scale_outcome(number, view, self.setting)]
-        answers = size_objects(view, self.setting)
-        return [self._size_outcome(number, view, answer) for answer in answers]
-
-    def _size_outcome(self, number: int, view: View, answer: Answer) -> Outcome:
-        thing, true = answer.thing, answer.thing.height_m
-        known = view.run.protocol == "L"
-        mean = class_mean(self.setting.priors, thing.label) if known else math.nan
-        focal = math.nan
-        if view.run.kind == "metric":
-            focal = thing.pixels * answer.depth / view.scene.focal_px
-        intervals = [answer.estimate.interval(level) for level in LEVELS]
-        return Outcome(
-            scene=number,
-            thing=thing.index,
-            drive=view.scene.drive,
-            label=thing.label,
-            references=answer.references,
-            error=answer.estimate.size_m / true - 1,
-            covered=tuple(low <= true <= high for low, high in intervals),
-            class_error=mean / true - 1,
-            focal_error=focal / true - 1,
-        )
-
-
-def _scale_outcome(number: int, view: View, setting: Setting) -> Outcome:
-    """Compare k with 1 / focal length, in log."""
-    model = fit_model(view, view.references, setting)
-    error = math.log(model.k * view.scene.focal_px)
-    scores = [NormalDist().inv_cdf((1 + level) / 2) for level in LEVELS]
+def size_outcome(number: int, view: View, answer: Answer, setting: Setting) -> Outcome:
+    """Compare a height with the true one."""
+    thing, true = answer.thing, answer.thing.height_m
+    known = view.run.protocol == "L"
+    mean = class_mean(setting.priors, thing.label) if known else math.nan
+    focal = math.nan
+    if view.run.kind == "metric":
+        focal = thing.pixels * answer.depth / view.scene.focal_px
+    intervals = [answer.estimate.interval(level) for level in LEVELS]
     return Outcome(
         scene=number,
-        thing=-1,
+        thing=thing.index,
         drive=view.scene.drive,
-        label="",
-        references=len(view.references),
-        error=error,
-        covered=tuple(abs(error) <= score * model.k_std / model.k for score in scores),
-        class_error=math.nan,
-        focal_error=math.nan,
+        label=thing.label,
+        references=answer.references,
+        error=answer.estimate.size_m / true - 1,
+        covered=tuple(low <= true <= high for low, high in intervals),
+        class_error=mean / true - 1,
+        focal_error=focal / true - 1,
     )
 
 
-def _columns(
-    found: Sequence[Outcome], refused_images: int, refused: int, unanswered: int
-) -> Outcomes:
+def scale_outcomes(
+    number: int, view: View, model: ims.ScaleModel, references: int
+) -> list[Outcome]:
+    """Compare k with 1 / focal length, or the ground plane with the true one."""
+    scene, k_std = view.scene, model.k_std / model.k
+    if view.run.kind != "ground_plane":
+        errors = [("", math.log(model.k * scene.focal_px), k_std)]
+    else:
+        errors = [
+            (CAMERA_HEIGHT, math.log(model.k / scene.camera_height_m), k_std),
+            (HORIZON, -model.shift - scene.horizon_px, model.shift_std),
+        ]
+    return [
+        Outcome(
+            scene=number,
+            thing=-1,
+            drive=scene.drive,
+            label=label,
+            references=references,
+            error=error,
+            covered=_covered(error, std),
+        )
+        for label, error, std in errors
+    ]
+
+
+def gather(parts: Sequence[Part]) -> Outcomes:
+    """Put the parts of a run together, without the objects that got no answer."""
+    everything = [outcome for part in parts for outcome in part.outcomes]
+    found = [outcome for outcome in everything if math.isfinite(outcome.error)]
     return Outcomes(
         key=np.array([(o.scene, o.thing) for o in found], dtype=np.int64).reshape(-1, 2),
         drive=np.array([o.drive for o in found], dtype=np.str_),
@@ -151,7 +129,13 @@ def _columns(
         covered=np.array([o.covered for o in found], dtype=np.bool_).reshape(-1, len(LEVELS)),
         class_error=np.array([o.class_error for o in found], dtype=np.float64),
         focal_error=np.array([o.focal_error for o in found], dtype=np.float64),
-        refused_images=refused_images,
-        refused=refused,
-        unanswered=unanswered,
+        refused_images=sum(part.refused_images for part in parts),
+        refused=sum(part.refused for part in parts),
+        unanswered=len(everything) - len(found),
     )
+
+
+def _covered(error: float, std: float) -> tuple[bool, ...]:
+    """Tell which normal intervals hold the truth."""
+    scores = [NormalDist().inv_cdf((1 + level) / 2) for level in LEVELS]
+    return tuple(abs(error) <= score * std for score in scores)

@@ -20,7 +20,9 @@ class Setting(NamedTuple):
 
     def fit_options(self, view: View) -> dict[str, Any]:
         """Collect the options of `fit`."""
-        options: dict[str, Any] = {"noise": view.run.noise}
+        options: dict[str, Any] = {"noise": view.noise}
+        if view.run.foot:
+            options["ground"] = view.ground
         if view.run.paper:
             options["method"] = "mean_ratio"
         elif self.method is not None:
@@ -47,6 +49,19 @@ def fit_model(view: View, references: Sequence[Thing], setting: Setting) -> ims.
     )
 
 
+def fit_frames(views: Sequence[View], setting: Setting) -> list[ims.ScaleModel]:
+    """Fit the scale of many images of one camera together."""
+    frames = [
+        ims.Frame(
+            view.reference_detections(view.references),
+            view.depth(view.references),
+            name=view.scene.name,
+        )
+        for view in views
+    ]
+    return ims.fit_shared(frames, setting.priors, **setting.fit_options(views[0]))
+
+
 def size_objects(view: View, setting: Setting) -> list[Answer]:
     """Size the targets of one image by the run's protocol."""
     if view.run.protocol == "U":
@@ -54,6 +69,19 @@ def size_objects(view: View, setting: Setting) -> list[Answer]:
     if view.run.damage is None:
         return _leave_one_out(view, setting)
     return _from_the_others(view, setting)
+
+
+def size_with(
+    view: View, model: ims.ScaleModel, targets: Sequence[Thing], references: int
+) -> list[Answer]:
+    """Size some targets with a model that was fitted to so many references."""
+    estimates = ims.predict(
+        model,
+        view.target_detections(targets),
+        view.depth(targets),
+        use_prior=view.run.uses_prior,
+    )
+    return _answers(view, targets, estimates, references)
 
 
 def _leave_one_out(view: View, setting: Setting) -> list[Answer]:
@@ -73,32 +101,20 @@ def _from_the_others(view: View, setting: Setting) -> list[Answer]:
     for target in view.targets:
         others = [thing for thing in view.references if thing is not target]
         model = fit_model(view, others, setting)
-        answers += _predicted(view, model, [target], len(others))
+        answers += size_with(view, model, [target], len(others))
     return answers
 
 
 def _from_references(view: View, setting: Setting) -> list[Answer]:
     model = fit_model(view, view.references, setting)
-    return _predicted(view, model, view.targets, len(view.references))
-
-
-def _predicted(
-    view: View, model: ims.ScaleModel, targets: Sequence[Thing], references: int
-) -> list[Answer]:
-    estimates = ims.predict(
-        model,
-        view.target_detections(targets),
-        view.depth(targets),
-        use_prior=view.run.uses_prior,
-    )
-    return _answers(view, targets, estimates, references)
+    return size_with(view, model, view.targets, len(view.references))
 
 
 def _answers(
     view: View, targets: Sequence[Thing], estimates: Sequence[ims.SizeEstimate], references: int
 ) -> list[Answer]:
-    depths = [estimate.depth for estimate in estimates]  # what it saw in a map
-    if view.run.depth != "map":
+    depths = [estimate.depth for estimate in estimates]  # what it saw in a map or of the ground
+    if view.run.depth != "map" and view.run.kind != "ground_plane":
         depths = view.depth_values(targets).tolist()
     rows = zip(targets, estimates, depths, strict=True)
     return [Answer(thing, references, estimate, depth) for thing, estimate, depth in rows]

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from validation_goals import Goal
-from validation_rows import DAMAGE, SECTIONS, Row, Section
+from validation_rows import Row
 from validation_scores import Scores
+from validation_sections import DAMAGE, SECTIONS, Section
 
 _LEGEND = """\
 Relative error of heights in %: median +- its standard error (drives resampled), mean, 90th
@@ -58,7 +59,12 @@ def write_json(
     record = {
         "meta": meta,
         "rows": [
-            {"id": row.name, "section": row.section.name, **asdict(scores[row.name])}
+            {
+                "id": row.name,
+                "section": row.section.name,
+                "unit": "px" if row.in_pixels else "%",
+                **asdict(scores[row.name]),
+            }
             for row in rows
             if row.name in scores
         ],

@@ -4,49 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
+from validation_outcomes import CAMERA_HEIGHT, HORIZON
 from validation_runs import Boxes, Damage, Run
-
-
-class Section(NamedTuple):
-    """A group of rows and what they show."""
-
-    name: str
-    title: str
-
-
-NOISE = Section(
-    "noise",
-    "Depth noise of 0 to 20 %, of which the library is told or not. L: each known object from the "
-    "others of\nits image and from its class. U: objects of unknown class from Car, Pedestrian, "
-    "Cyclist.",
+from validation_sections import (
+    CENTRE,
+    COUNT,
+    DAMAGE,
+    DETECTORS,
+    FOOT,
+    GROUND,
+    KINDS,
+    LEARNED,
+    LIDAR,
+    NOISE,
+    POOLED,
+    Section,
 )
-CENTRE = Section(
-    "centre", "The depth of objects' centres instead of their near faces, uncorrected and declared."
-)
-KINDS = Section(
-    "kinds",
-    "Depth with an unknown factor per image; affine also with an unknown shift of the inverse "
-    "depth, of\nspread .03 or .1 1/m. 'unfused': without the class of the object itself.",
-)
-DAMAGE = Section(
-    "damage",
-    "One reference in five damaged: cut by 40 % from above or below, of a wrong class, or either "
-    "(mixed);\nobjects to be sized whole. x: ratio to the same run with sound references.",
-)
-COUNT = Section("references", "By the number of references, at 5 % depth noise.")
-DETECTORS = Section(
-    "detectors",
-    "Boxes and classes of detectors (score >= 0.5, overlap with a label >= 0.5); the labels' depth "
-    "+ 5 %.",
-)
-LIDAR = Section(
-    "lidar",
-    "Depth maps (KITTI: from LiDAR) end to end; few, to be read with care. lidar-k: log(k f), its "
-    "error and coverage.",
-)
-SECTIONS = (NOISE, CENTRE, KINDS, DAMAGE, COUNT, DETECTORS, LIDAR)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +36,8 @@ class Row:
     label: str | None = None
     references: tuple[int, int] | None = None
     """The fewest and the most."""
+    in_pixels: bool = False
+    """Whether its errors are pixels, not relative."""
 
     @property
     def is_part(self) -> bool:
@@ -71,22 +48,35 @@ class Row:
 _PROTOCOLS: tuple[Literal["L", "U"], ...] = ("L", "U")
 _DAMAGES: tuple[Damage, ...] = ("mixed", "cut", "swap")
 _DETECTORS: tuple[Boxes, ...] = ("frustum", "zenuity")
+_PERCENTS = (0, 5, 10, 20)
 _COUNTS = {"1": (1, 1), "2": (2, 2), "3to5": (3, 5), "6up": (6, 10**6)}
 
 
 def all_rows() -> list[Row]:
     """List all rows, in the order of the table."""
-    parts = (_noise(), _centre(), _kinds(), _damage(), _counts(), _detectors(), _lidar())
+    parts = (
+        _noise(),
+        _centre(),
+        _kinds(),
+        _damage(),
+        _counts(),
+        _detectors(),
+        _lidar(),
+        _foot(),
+        _ground(),
+        _pooled(),
+        _learned(),
+    )
     return [row for part in parts for row in part]
 
 
 def _noise() -> Iterator[Row]:
     for told in (True, False):
         for protocol in _PROTOCOLS:
-            for percent in (0, 5, 10, 20):
+            for percent in _PERCENTS:
                 run = Run(protocol=protocol, depth_noise=percent / 100, told=told)
-                word = "told" if told else "untold"
-                yield Row(name=f"{protocol}-{word}-{percent}", section=NOISE, run=run)
+                name = f"{protocol}-{_told(told=told)}-{percent}"
+                yield Row(name=name, section=NOISE, run=run)
 
 
 def _centre() -> Iterator[Row]:
@@ -176,6 +166,79 @@ def _lidar() -> Iterator[Row]:
             run = Run(protocol="L", depth="map", told=False, boxes=boxes, use_prior=use_prior)
             name = f"lidar-{boxes}-{_fused(use_prior=use_prior)}"
             yield Row(name=name, section=LIDAR, run=run)
+
+
+def _foot() -> Iterator[Row]:
+    for told in (True, False):
+        for protocol in _PROTOCOLS:
+            for percent in _PERCENTS:
+                run = Run(protocol=protocol, depth_noise=percent / 100, told=told, foot=True)
+                name = f"{protocol}-foot-{_told(told=told)}-{percent}"
+                yield Row(name=name, section=FOOT, run=run)
+    for boxes in _DETECTORS:
+        for use_prior in (True, False):
+            run = Run(protocol="L", depth_noise=0.05, boxes=boxes, use_prior=use_prior, foot=True)
+            yield Row(name=f"{boxes}-foot-{_fused(use_prior=use_prior)}", section=FOOT, run=run)
+
+
+def _ground() -> Iterator[Row]:
+    for use_prior in (True, False):
+        run = _ground_run("L", use_prior=use_prior)
+        yield Row(name=f"ground-{_fused(use_prior=use_prior)}", section=GROUND, run=run)
+    yield from _camera_rows("ground", GROUND, _ground_run("k"))
+
+
+def _pooled() -> Iterator[Row]:
+    for tracks in (False, True):
+        for told in (True, False):
+            for percent in (0, 5):
+                noise = percent / 100
+                run = Run(protocol="k", depth_noise=noise, told=told, pooled=True, tracks=tracks)
+                words = ("pooled-k", *(["tracks"] * tracks), _told(told=told), str(percent))
+                yield Row(name="-".join(words), section=POOLED, run=run)
+    for use_prior in (True, False):
+        for percent in (0, 5):
+            run = Run(protocol="L", depth_noise=percent / 100, use_prior=use_prior, pooled=True)
+            name = f"pooled-height-{_fused(use_prior=use_prior)}-{percent}"
+            yield Row(name=name, section=POOLED, run=run)
+    for use_prior in (True, False):
+        run = _ground_run("L", use_prior=use_prior, pooled=True)
+        yield Row(name=f"pooled-ground-{_fused(use_prior=use_prior)}", section=POOLED, run=run)
+    yield from _camera_rows("pooled", POOLED, _ground_run("k", pooled=True))
+
+
+def _learned() -> Iterator[Row]:
+    for foot in (False, True):
+        for protocol in _PROTOCOLS:
+            for percent in _PERCENTS:
+                noise = percent / 100
+                run = Run(protocol=protocol, depth_noise=noise, told=False, learned=True, foot=foot)
+                name = f"{protocol}-{'foot-' * foot}drive-{percent}"
+                yield Row(name=name, section=LEARNED, run=run)
+
+
+def _ground_run(
+    protocol: Literal["L", "k"], *, use_prior: bool = True, pooled: bool = False
+) -> Run:
+    return Run(
+        protocol=protocol,
+        kind="ground_plane",
+        told=False,
+        use_prior=use_prior,
+        pooled=pooled,
+        fewest=2,  # two unknowns
+    )
+
+
+def _camera_rows(word: str, section: Section, run: Run) -> Iterator[Row]:
+    """List what a fit to the ground plane says of the camera."""
+    name = f"{word}-camera"
+    yield Row(name=f"{name}-height", section=section, run=run, label=CAMERA_HEIGHT)
+    yield Row(name=f"{name}-horizon", section=section, run=run, label=HORIZON, in_pixels=True)
+
+
+def _told(*, told: bool) -> str:
+    return "told" if told else "untold"
 
 
 def _fused(*, use_prior: bool) -> str:

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 import imgscale as ims
 
 Protocol: TypeAlias = Literal["L", "U", "k"]
+Kind: TypeAlias = Literal["metric", "relative", "inverse", "affine_inverse", "ground_plane"]
 Damage: TypeAlias = Literal["none", "mixed", "cut", "swap"]
 Boxes: TypeAlias = Literal["label", "frustum", "zenuity"]
 
@@ -24,7 +25,8 @@ class Run:
     One run over all scenes.
 
     Protocol "L" sizes each known object from the other known ones of its image. "U" sizes objects
-    of unknown class from known ones. "k" fits all known objects and looks at the scale alone.
+    of unknown class from known ones. "k" fits all known objects and looks at the scale alone: at
+    the focal length or, on the ground plane, at the camera's height and the horizon.
     """
 
     protocol: Protocol
@@ -33,7 +35,10 @@ class Run:
     """Whether the library is told how much the depths err."""
     depth: Literal["surface", "centre", "corrected", "map"] = "surface"
     """Which depth it is given; "corrected" is the centre's, declared as such."""
-    kind: Literal["metric", "relative", "inverse", "affine_inverse"] = "metric"
+    kind: Kind = "metric"
+    """Of which kind its depth is; of the "ground_plane" there is none but the foot rows."""
+    foot: bool = False
+    """Whether the foot rows are a second witness of distance, beside the depth."""
     shift_std: float = 0.0
     """Spread of an affine inverse depth's shift, in 1/m."""
     use_prior: bool = True
@@ -43,6 +48,15 @@ class Run:
     boxes: Boxes = "label"
     fewest: int = 1
     """References that an image must have for each target."""
+    pooled: bool = False
+    """
+    Whether a fit rests on all images of a drive together: "L" then sizes each known object from
+    the other parts of its drive, "k" has one answer for each drive.
+    """
+    tracks: bool = False
+    """Whether the library is told which objects of a drive are the same."""
+    learned: bool = False
+    """Whether each drive is first searched for its depth noise, which then is told."""
     paper: bool = False
     """Whether the paper's estimator answers, instead of the library's best."""
 
@@ -68,8 +82,16 @@ class Run:
 
     def by_paper(self) -> Run | None:
         """Return the same with the paper's estimator; None where it has no answer."""
-        if self.kind == "affine_inverse":
+        if self.pooled or self.kind in {"affine_inverse", "ground_plane"}:
             return None
         depth = "centre" if self.depth == "corrected" else self.depth
         # of what it ignores only one choice is kept, so that it is run once
-        return replace(self, paper=True, told=True, use_prior=False, depth=depth)
+        return replace(
+            self,
+            paper=True,
+            told=True,
+            use_prior=False,
+            depth=depth,
+            foot=False,
+            learned=False,
+        )

@@ -39,6 +39,8 @@ class Thing:
     """The true z-depth of its nearest vertical edge."""
     centre_m: float
     """The true z-depth of its centre."""
+    track: str = ""
+    """Names it in all images of its drive."""
 
     @property
     def pixels(self) -> float:
@@ -53,8 +55,14 @@ class Scene:
     name: str
     drive: str
     """Images of one drive are not independent: they are drawn together in the bootstrap."""
+    time: int
+    """Its place in the order of its drive."""
     image_size: tuple[int, int]
     focal_px: float
+    camera_height_m: float
+    """Above the ground, as far as it is known, like the next."""
+    horizon_px: float
+    """The row of the horizon."""
     things: tuple[Thing, ...]
     detected: Mapping[str, tuple[Thing, ...]] = field(default_factory=dict)
     """By detector: those of the objects that it found, with its boxes and labels."""

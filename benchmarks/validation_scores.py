@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from validation_outcomes import LEVELS, Outcomes, Validation
+from validation_jobs import Validation
+from validation_outcomes import LEVELS, Outcomes
 from validation_rows import Row
 from validation_scenes import FloatArray
 from validation_views import SEED
@@ -17,10 +18,14 @@ _RESAMPLES = 200
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
-    """Figures of one row, in percent; NaN where there is none."""
+    """
+    Figures of one row, NaN where there is none.
+
+    Errors are in percent, or in pixels where the row says so; coverages are in percent.
+    """
 
     n: int
-    """Objects sized."""
+    """Answers: objects sized, or images or drives whose scale was found."""
     images: int
     drives: int
     median: float
@@ -59,17 +64,18 @@ def score(validation: Validation, row: Row) -> Scores | None:
     errors = np.abs(outcomes.error[part])
     covered = outcomes.covered[part]
     median_se, coverage_se = _standard_errors(errors, covered[:, 1], outcomes.drive[part])
+    unit = 1.0 if row.in_pixels else 100.0
     coverage = dict(zip(LEVELS, (100 * covered.mean(axis=0)).tolist(), strict=True))
     ratios = _ratios(validation, row, outcomes, part)
     return Scores(
         n=errors.size,
         images=np.unique(outcomes.key[part, 0]).size,
         drives=np.unique(outcomes.drive[part]).size,
-        median=100 * float(np.median(errors)),
-        median_se=100 * median_se,
-        mean=100 * float(np.mean(errors)),
-        p90=100 * float(np.percentile(errors, 90)),
-        bias=100 * float(np.median(outcomes.error[part])),
+        median=unit * float(np.median(errors)),
+        median_se=unit * median_se,
+        mean=unit * float(np.mean(errors)),
+        p90=unit * float(np.percentile(errors, 90)),
+        bias=unit * float(np.median(outcomes.error[part])),
         coverage_50=coverage[0.5],
         coverage_90=coverage[0.9],
         coverage_90_se=100 * coverage_se,

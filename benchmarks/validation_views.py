@@ -33,9 +33,26 @@ class View:
     references: tuple[Thing, ...]
     targets: tuple[Thing, ...]
     """In the protocols that leave one out, the same as the references."""
+    learned: float | None = None
+    """The depth noise that the drive showed, where the run asks for it."""
+
+    @property
+    def noise(self) -> ims.Noise:
+        """What the library is told of the errors."""
+        noise = self.run.noise
+        if self.learned is None:
+            return noise
+        return ims.Noise(box_px=noise.box_px, box_rel=noise.box_rel, depth_rel=self.learned)
+
+    @property
+    def ground(self) -> ims.GroundPlane:
+        """The plane on which objects stand, of which nothing is known."""
+        return ims.GroundPlane(image_size=self.scene.image_size)
 
     def depth(self, things: Sequence[Thing]) -> ims.Depth:
         """Give the depth of some of the objects."""
+        if self.run.kind == "ground_plane":
+            return self.ground
         if self.run.depth == "map":
             return _depth_map(self.scene)
         options: dict[str, Any] = {}
@@ -69,7 +86,11 @@ class View:
         """Show references, damaged where the run says so."""
         damage = self.run.damage
         if damage is None or damage == "none":
-            return [_detection(thing.label, thing.box) for thing in things]
+            tracks = self.run.tracks
+            return [
+                _detection(thing.label, thing.box, thing.track if tracks else None)
+                for thing in things
+            ]
         draws = _stream(self.scene, "damage").random((_count(self.scene), 4))
         return [_detection(*_damaged(thing, damage, draws[thing.index])) for thing in things]
 
@@ -83,15 +104,26 @@ def view_of(scene: Scene, run: Run) -> View | None:
     """Choose the objects that take part; None where the image has too few."""
     if run.depth == "map" and scene.read_depth_map is None:
         return None
-    things = scene.things if run.boxes == "label" else scene.detected.get(run.boxes, ())
+    references = _labelled(scene, run, REFERENCES if run.protocol == "U" else KNOWN)
     if run.protocol == "U":
-        references = tuple(thing for thing in things if thing.label in REFERENCES)
-        targets = tuple(thing for thing in things if thing.label in UNKNOWN)
+        targets = _labelled(scene, run, UNKNOWN)
         enough = len(references) >= run.fewest and bool(targets)
     else:
-        references = targets = tuple(thing for thing in things if thing.label in KNOWN)
+        targets = references
         enough = len(references) >= run.fewest + (run.protocol == "L")
     return View(scene, run, references, targets) if enough else None
+
+
+def frame_of(scene: Scene, run: Run) -> View | None:
+    """Choose the objects of one image on which a fit of many rests; None where it has none."""
+    references = _labelled(scene, run, REFERENCES if run.protocol == "U" else KNOWN)
+    return View(scene, run, references, references) if references else None
+
+
+def _labelled(scene: Scene, run: Run, labels: Sequence[str]) -> tuple[Thing, ...]:
+    """Choose objects by the class that the source of their boxes gives them."""
+    things = scene.things if run.boxes == "label" else scene.detected.get(run.boxes, ())
+    return tuple(thing for thing in things if thing.label in labels)
 
 
 def _stream(scene: Scene, purpose: str) -> np.random.Generator:
@@ -106,8 +138,8 @@ def _count(scene: Scene) -> int:
 
 
 @functools.cache
-def _detection(label: str, box: Box) -> ims.Detection:
-    return ims.Detection(label, box)
+def _detection(label: str, box: Box, track: str | None = None) -> ims.Detection:
+    return ims.Detection(label, box, track_id=track)
 
 
 @functools.lru_cache(maxsize=4)

@@ -48,6 +48,47 @@ def test_no_object_is_lost_without_a_word(synthetic):
     assert synthetic["L-told-5"]["n"] == synthetic["L-told-10"]["n"] > 100
 
 
+@pytest.fixture(scope="module")
+def with_ground(tmp_path_factory):
+    out = tmp_path_factory.mktemp("ground") / "out.json"
+    rows = "U-told-20,U-foot-told-20,U-foot-drive-20,frustum-foot-*,ground-*,pooled-*"
+    done = run("--images", 20, "--rows", rows, "--jobs", 2, "--json", out)
+    assert done.returncode == 0, done.stderr
+    return {row["id"]: row for row in json.loads(out.read_text(encoding="utf-8"))["rows"]}
+
+
+def test_feet_say_more_than_bad_depths(with_ground):
+    for name in ("U-foot-told-20", "U-foot-drive-20"):
+        assert with_ground[name]["median"] < with_ground["U-told-20"]["median"]
+        assert with_ground[name]["n"] == with_ground["U-told-20"]["n"]
+
+
+def test_the_ground_plane_is_compared_with_the_true_camera(with_ground):
+    height, horizon = (with_ground[f"pooled-camera-{word}"] for word in ("height", "horizon"))
+    assert (height["unit"], horizon["unit"]) == ("%", "px")
+    assert height["n"] == horizon["n"] == 1  # one drive of ten images
+    assert height["median"] < 15
+    assert horizon["median"] < 25
+
+
+def test_a_whole_drive_says_more_than_one_image(with_ground):
+    assert with_ground["pooled-k-told-5"]["n"] == with_ground["pooled-k-tracks-told-5"]["n"] == 1
+    assert with_ground["pooled-k-told-5"]["median"] < 5
+    for name in ("pooled-height-fused-0", "pooled-ground-fused"):
+        assert with_ground[name]["median"] < with_ground[name]["class_mean"]
+
+
+def test_two_processes_reach_the_same_figures(tmp_path):
+    records = []
+    for jobs in (1, 2):
+        out = tmp_path / f"{jobs}.json"
+        rows = "L-told-5,U-mixed-5,lidar-k,pooled-k-told-5,U-drive-20"
+        done = run("--images", 20, "--rows", rows, "--jobs", jobs, "--json", out)
+        assert done.returncode == 0, done.stderr
+        records.append(json.loads(out.read_text(encoding="utf-8")))
+    assert records[0] == records[1]
+
+
 @pytest.fixture
 def folder(tmp_path):
     labels, calib = tmp_path / "training" / "label_2", tmp_path / "training" / "calib"
@@ -77,6 +118,25 @@ def test_a_folder_in_kittis_layout_is_read(folder, tmp_path):
     assert (record["meta"]["frames"], row["n"]) == (2, 6)
     # boxes are those of the near face, 1.5 m high, so the true focal length makes no error
     assert row["true_focal"] == pytest.approx(0.0, abs=0.1)
+
+
+def test_frames_of_one_drive_are_pooled(folder, tmp_path):
+    labels = folder / "training" / "label_2"
+    for frame in range(2, 10):
+        same = (labels / f"{frame % 2:06d}.txt").read_text(encoding="utf-8")
+        (labels / f"{frame:06d}.txt").write_text(same, encoding="utf-8")
+    lines = [f"{frame:06d},somewhere,{9 - frame},1242,375,700,180,0" for frame in range(10)]
+    header = "frame,drive,raw_frame,width,height,fy,cy,tz"
+    (folder / "frames.csv").write_text("\n".join([header, *lines, ""]), encoding="utf-8")
+    out = tmp_path / "out.json"
+    rows = "pooled-k-tracks-told-0,pooled-height-unfused-0"
+    done = run("--root", folder, "--rows", rows, "--json", out)
+    assert done.returncode == 0, done.stderr
+    rows = {row["id"]: row for row in json.loads(out.read_text(encoding="utf-8"))["rows"]}
+    assert rows["pooled-k-tracks-told-0"]["n"] == 1
+    assert rows["pooled-height-unfused-0"]["n"] == 30
+    # all cars are 1.5 m high where the table's mean is 1.515
+    assert rows["pooled-height-unfused-0"]["median"] < 1.5
 
 
 @pytest.mark.parametrize("arguments", [("--root", "nowhere"), ("--rows", "nonsense")])

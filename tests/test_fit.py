@@ -923,7 +923,6 @@ def test_raw_depth_is_refused_with_the_remedy(raw):
 @pytest.mark.parametrize(
     ("depth", "message"),
     [
-        pytest.param(ims.GroundPlane(image_size=SIZE), "got a GroundPlane", id="ground plane"),
         pytest.param(relative([6.0, 7.0]), "one value per detection, 1; got 2", id="too many"),
         pytest.param(relative([]), "one value per detection, 1; got 0", id="too few"),
     ],
@@ -956,10 +955,25 @@ def test_a_shift_is_not_fitted_to_references_at_one_depth(detections, depth, cou
 
 
 @pytest.mark.parametrize("method", ["mean_ratio", "least_squares"])
-def test_the_papers_methods_fit_no_shift(method):
-    message = f'`method` must be "posterior" or "robust".*"affine_inverse".*got "{method}"'
+@pytest.mark.parametrize(
+    ("depth", "kind"),
+    [(affine([6.0, 3.0]), "affine_inverse"), (ims.GroundPlane(image_size=SIZE), "ground_plane")],
+    ids=["affine", "ground plane"],
+)
+def test_the_papers_methods_fit_no_shift(depth, kind, method):
+    message = f'`method` must be "posterior" or "robust".*"{kind}".*got "{method}"'
     with pytest.raises(ValueError, match=message):
-        ims.fit(ONE * 2, affine([6.0, 3.0]), ONE_PRIOR, method=method)
+        ims.fit(ONE * 2, depth, ONE_PRIOR, method=method)
+
+
+@pytest.mark.parametrize("method", FITTED)
+def test_a_ground_plane_is_depth_like_any_other(method):
+    detection = box("pole 0", 400.0, top=700.0)
+    model = ims.fit([detection], ims.GroundPlane(image_size=SIZE), ONE_PRIOR, method=method)
+    assert model.kind == "ground_plane"
+    assert model.references[0].used
+    # p / H = (y - y0) / k, but for what the priors of height and horizon draw: 1e-3 or so
+    assert (1100 - model.horizon_px) / model.k == pytest.approx(400 / 1.7, rel=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -996,8 +1010,19 @@ def test_an_unknown_method_is_refused_with_the_choices(method):
         ({"camera": 800.0}, "`camera` must be a Camera; got float"),
         ({"noise": None}, "`noise` must be a Noise; got NoneType"),
         ({"noise": 0.1}, "`noise` must be a Noise; got float"),
+        ({"ground": SIZE}, "`ground` must be a GroundPlane; got tuple"),
+        ({"ground": True}, "`ground` must be a GroundPlane; got bool"),
+        ({"ground": ONE_DEPTH}, "`ground` must be a GroundPlane; got ObjectDepths"),
     ],
-    ids=["priors as a list", "camera as a number", "noise None", "noise as a number"],
+    ids=[
+        "priors as a list",
+        "camera as a number",
+        "noise None",
+        "noise as a number",
+        "ground as a size",
+        "ground as a switch",
+        "ground as depth",
+    ],
 )
 def test_options_of_a_wrong_type_are_refused(options, message):
     with pytest.raises(TypeError, match=message):
@@ -1007,20 +1032,44 @@ def test_options_of_a_wrong_type_are_refused(options, message):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"ground": ims.GroundPlane(image_size=SIZE)}, "`ground` must be None"),
-        ({"camera": camera(pitch_deg=10.0)}, r"`camera\.pitch_deg` must be 0.*got 10\.0 \+- 0\.0"),
-        ({"camera": camera(pitch_std_deg=1.0)}, r"`camera\.pitch_deg` must be 0.*\+- 1\.0"),
+        (
+            {"ground": ims.GroundPlane(image_size=(640, 480))},
+            r"`ground\.image_size`.*\(2000, 1500\); got \(640, 480\)",
+        ),
+        (
+            {"ground": ims.GroundPlane(image_size=SIZE), "method": "mean_ratio"},
+            '`ground` must be None for method "mean_ratio"',
+        ),
+        (
+            {"ground": ims.GroundPlane(image_size=SIZE), "method": "least_squares"},
+            '`ground` must be None for method "least_squares"',
+        ),
         (
             {"camera": camera(image_size=(640, 480))},
             r"`camera\.image_size`.*\(2000, 1500\); got \(640, 480\)",
         ),
     ],
-    ids=["ground", "pitch", "uncertain pitch", "camera of another picture"],
+    ids=["ground of another picture", "mean ratio", "least squares", "camera of another picture"],
 )
 def test_options_that_break_their_law_are_refused(options, message):
     depth = relative([6.0], image_size=SIZE)
     with pytest.raises(ValueError, match=message):
         ims.fit(ONE, depth, ONE_PRIOR, **options)
+
+
+def test_camera_and_ground_of_two_pictures_are_refused():
+    options = {
+        "camera": camera(image_size=(640, 480)),
+        "ground": ims.GroundPlane(image_size=SIZE),
+    }
+    with pytest.raises(ValueError, match=r"`camera\.image_size`.*\(2000, 1500\); got \(640, 480\)"):
+        ims.fit(ONE, ONE_DEPTH, ONE_PRIOR, **options)
+
+
+def test_a_ground_plane_is_depth_or_second_witness_but_not_both():
+    plane = ims.GroundPlane(image_size=SIZE)
+    with pytest.raises(ValueError, match="`ground` must be None where `depth` is the GroundPlane"):
+        ims.fit(ONE, plane, ONE_PRIOR, ground=plane)
 
 
 @pytest.mark.parametrize("item", [("pole 0", (1, 2, 3, 4)), None, "pole 0"], ids=repr)

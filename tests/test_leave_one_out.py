@@ -253,10 +253,15 @@ def test_without_any_reference_the_error_is_that_of_fit():
         ({"method": "best"}, ValueError, "`method` must be one of"),
         ({"camera": 800.0}, TypeError, "`camera` must be a Camera"),
         ({"noise": 0.1}, TypeError, "`noise` must be a Noise"),
-        ({"ground": ims.GroundPlane(image_size=(9, 9))}, ValueError, "`ground` must be None"),
+        ({"ground": (2000, 1500)}, TypeError, "`ground` must be a GroundPlane; got tuple"),
+        (
+            {"ground": ims.GroundPlane(image_size=(2000, 1500)), "method": "mean_ratio"},
+            ValueError,
+            "`ground` must be None for method",
+        ),
         ({"use_prior": True, "method": "mean_ratio"}, ValueError, "`use_prior` must be False"),
     ],
-    ids=["method", "camera", "noise", "ground", "use_prior"],
+    ids=["method", "camera", "noise", "ground", "ground and method", "use_prior"],
 )
 def test_options_are_checked_as_by_fit(options, error, message):
     detections, z = scene(0)

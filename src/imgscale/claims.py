@@ -169,4 +169,5 @@ def _log_tilt(model: ScaleModel, refs: Sequence[Reference]) -> FloatArray:
     boxes = np.array([ref.xyxy for ref in refs], dtype=np.float64).reshape(-1, 4)
     upright = np.array([ref.axis == "height" for ref in refs], dtype=np.bool_)
     stance = stance_of(view, boxes, boxes[:, 2:] * np.nan, upright, np.zeros(len(refs)))
-    return stance.tilts(np.full((1, len(refs)), horizon)).by_depth[0]
+    by_depth: FloatArray = stance.tilts(np.full((1, len(refs)), horizon)).by_depth[0]
+    return by_depth
