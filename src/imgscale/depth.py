@@ -144,6 +144,9 @@ def own_object_depths(values: ArrayLike) -> FloatArray:
     return owned
 
 
+_LARGEST_ROLL_DEG = 45.0
+
+
 @attrs.frozen
 class GroundPlane:
     """
@@ -156,11 +159,16 @@ class GroundPlane:
     horizon_px : float or None
         Row of the horizon, in pixels from the top; may lie outside the image. None: not known.
     horizon_std_px : float or None
-        Its standard error, in pixels, >= 0.
+        Its standard error, in pixels, >= 0; 0.5 % of the longer side where a horizon comes without.
     camera_height_m : float or None
         Height of the camera above the plane, in metres, positive. None: not known.
     camera_height_std_m : float or None
-        Its standard error, in metres, >= 0.
+        Its standard error, in metres, >= 0; 2 % where a height comes without it.
+    roll_deg : float or None
+        Slope of the horizon, in degrees, -45 to 45, by which it falls to the right: the camera's
+        roll and the ground's cross-fall together. None: not known, 0 within 2 degrees.
+    roll_std_deg : float or None
+        Its standard error, in degrees, >= 0; 0.5 where a roll comes without it.
 
     Raises
     ------
@@ -200,10 +208,27 @@ class GroundPlane:
         validator=attrs.validators.optional(non_negative),
     )
 
+    roll_deg: float | None = attrs.field(
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(finite),
+    )
+    roll_std_deg: float | None = attrs.field(
+        default=None,
+        kw_only=True,
+        converter=as_optional_float,
+        validator=attrs.validators.optional(non_negative),
+    )
+
     def __attrs_post_init__(self) -> None:
+        if self.roll_deg is not None and abs(self.roll_deg) > _LARGEST_ROLL_DEG:
+            msg = f"`roll_deg` must be between -45 and 45; got {self.roll_deg}."
+            raise ValueError(msg)
         pairs = (
             ("horizon_px", self.horizon_px, self.horizon_std_px),
             ("camera_height_m", self.camera_height_m, self.camera_height_std_m),
+            ("roll_deg", self.roll_deg, self.roll_std_deg),
         )
         for name, value, std in pairs:
             if value is None and std is not None:

@@ -161,7 +161,9 @@ class Explanation:
         split = _split(self.k_budget.shares, words)
         lines.append(f"k has a standard error of {_percent(self.k_budget.rel_std)}{split}.")
         names = numbered_labels([budget.label for budget in self.budgets])
-        texts = [_size_text(*pair) for pair in zip(names, self.budgets, strict=True)]
+        own_words = {**_OWN_WORDS, "depth": "its own foot"} if self.on_ground else _OWN_WORDS
+        pairs = zip(names, self.budgets, strict=True)
+        texts = [_size_text(name, budget, own_words) for name, budget in pairs]
         lines += texts[:_MOST_SIZES]
         hidden = len(texts) - _MOST_SIZES
         if hidden > 0:
@@ -293,10 +295,10 @@ def _carried_text(reference: CarryingReference) -> str:
     )
 
 
-def _size_text(name: str, budget: SizeBudget) -> str:
+def _size_text(name: str, budget: SizeBudget, words: Mapping[str, str]) -> str:
     if math.isnan(budget.rel_std):
         return f"{name}: its {budget.axis} is not known."
-    split = _split(budget.shares, _OWN_WORDS)
+    split = _split(budget.shares, words)
     return f"{name}: its {budget.axis} has a standard error of {_percent(budget.rel_std)}{split}."
 
 

@@ -32,6 +32,7 @@ from imgscale.prior_choice import mean_key
 from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference
 from imgscale.referencing import Belief, explain_references
+from imgscale.standing import scene_of
 
 __all__ = ["fit"]
 
@@ -399,9 +400,19 @@ def _flags(
             Flag.INCONSISTENT: bool(found.inconsistent[0]) or _scattered(references, setting),
             Flag.CAMERA_CONFLICT: bool(_conflicts(detections, obs, setting)),
             Flag.IMPLAUSIBLE_FOCAL: _implausible_focal(references, found, setting),
+            Flag.ASSUMED_HORIZON: _assumed_horizon(found, setting),
             Flag.MIXED_DEPTH: any(bool(obs.mixed[index]) for index in used),
         }
     )
+
+
+def _assumed_horizon(found: Estimate, setting: Setting) -> bool:
+    """Tell whether nothing but the prior for photos at large fixed the horizon of a plane alone."""
+    view = view_of(setting)
+    if not (view and view.alone and found.plane) or setting.shared:
+        return False
+    scene = scene_of(view)
+    return not scene.is_given and float(found.plane.horizon_std[0]) > scene.horizon_std / 2
 
 
 def _scattered(references: Sequence[Reference], setting: Setting) -> bool:

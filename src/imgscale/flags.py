@@ -25,6 +25,9 @@ class Flag(enum.Flag):
     CAMERA_CONFLICT : Flag
         The focal length or the camera height given disagrees with references and depth by more than
         3 standard errors; `explain` tells the numbers.
+    ASSUMED_HORIZON : Flag
+        Nobody told the horizon or the camera's pitch, and the picture hardly does: it rests on what
+        photos at large have, which a camera that looks steeply down is far from.
     IMPLAUSIBLE_FOCAL : Flag
         The focal length implied by metric depth is outside 0.3 to 6 times the longer image side, or
         the camera's is below: a unit is wrong.
@@ -63,6 +66,7 @@ class Flag(enum.Flag):
     PARTIAL = enum.auto()
     EXTRAPOLATED = enum.auto()
     BEYOND_HORIZON = enum.auto()
+    ASSUMED_HORIZON = enum.auto()
 
 
 def flag_names(flags: Flag) -> list[str]:

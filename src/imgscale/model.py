@@ -367,6 +367,10 @@ class ScaleModel:
             text += f" and those of {self.shared.n_frames - 1} other frames"
         if self.camera_is_witness:
             text += " and the camera's focal length"
+        if self.ground and self.ground.camera_height_m is not None:
+            text += " and the camera's height as it was given"
+        if self.ground and self.ground.horizon_px is not None:
+            text += " and the horizon as it was given"
         if self.plane and self.kind != "ground_plane":
             height = with_error(self.plane.camera_height_m, self.plane.camera_height_std_m)
             text += f"; the camera is {height} m above the ground"

@@ -90,7 +90,8 @@ def next_references(model: ScaleModel) -> tuple[NextReference, ...]:
         group[0] += 1 / max(float(own_variances(model, ref).sum()), 1e-12)
     now = sum(_information(*group) for group in weights.values()) + _of_camera(model)
     budget = scale_budget(model)
-    rest = budget.rest**2 + budget.shift**2
+    # more references tell more of a plane's horizon too
+    rest = budget.rest**2 + (0.0 if model.kind == "ground_plane" else budget.shift**2)
     declared = budget.rel_std**2 - rest
 
     def after(old: Sequence[float], variance: float) -> float:

@@ -22,6 +22,7 @@ from imgscale.posing import Setting
 
 # Beyond the horizon is told where the 95 % interval reaches it.
 _TWO_STD = int(np.searchsorted(SCORES, 2.0))
+_OBJECTS_AT_ONCE = 200
 # How many times as near or far as the references' range a shift is not trusted.
 _FAR_OFF = 2.0
 
@@ -138,7 +139,7 @@ class Sizes(NamedTuple):
 
 def size_up(cases: Cases, wanted: Wanted) -> Sizes:
     """
-    Size objects.
+    Size objects, so many at once as memory allows.
 
     Parameters
     ----------
@@ -152,6 +153,18 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
     Sizes
         One row each: without a prior the median is exactly k d p, where one witness tells d.
     """
+    count = wanted.own.size
+    if count <= _OBJECTS_AT_ONCE:
+        return _size_up(cases, wanted)
+    sizes = Sizes.unknown(count)
+    for start in range(0, count, _OBJECTS_AT_ONCE):
+        rows = np.arange(start, min(start + _OBJECTS_AT_ONCE, count), dtype=np.intp)
+        sizes = sizes.updated(rows, _size_up(cases, wanted.rows(rows)))
+    return sizes
+
+
+def _size_up(cases: Cases, wanted: Wanted) -> Sizes:
+    """Size objects."""
     subjects = wanted.subjects
     log_scale, log_range = (wanted.log_k + logs[0] for logs in log_scales(subjects, cases.best))
     log_size = log_scale + subjects.log_pixels
@@ -175,11 +188,17 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
     return Sizes(
         size_m=size_m,
         std_m=size_m * half_width(quantiles),
-        quantiles_m=np.where(unknown, np.nan, np.exp(quantiles)),
+        quantiles_m=np.where(unknown, np.nan, _exp(quantiles)),
         metres_per_pixel=np.exp(log_scale),
         range_per_focal=np.exp(log_range),
         is_normal=is_normal,
     )
+
+
+def _exp(logs: FloatArray) -> FloatArray:
+    """Sizes of logs; those beyond all numbers are infinite."""
+    with np.errstate(over="ignore"):
+        return np.exp(logs)
 
 
 def _has_both(subjects: Sized) -> BoolArray:

@@ -29,7 +29,8 @@ RELIEF_REL, SLOPE_REL = 0.03, 0.0015
 # How far the horizon may move between the frames of one camera, in longer sides of the image.
 JITTERS = (0.0, 0.001, 0.002, 0.004, 0.008)
 # What is given without its error.
-_GIVEN_HORIZON_STD, _GIVEN_HEIGHT_REL = 0.005, 0.02
+_GIVEN_HORIZON_STD, _GIVEN_HEIGHT_REL, _GIVEN_ROLL_STD_DEG = 0.005, 0.02, 0.5
+_LEAST_SLOPE_STD = 1e-6
 _LEAST_STD_PX = 1e-6
 
 
@@ -147,12 +148,17 @@ def scene_of(view: Viewpoint) -> Scene:
         precision = sum(std**-2 for _, std in told)
         horizon = sum(row * std**-2 for row, std in told) / precision
         horizon_std = precision**-0.5
+    slope, slope_std = 0.0, SLOPE_STD
+    if ground and ground.roll_deg is not None:
+        std = _GIVEN_ROLL_STD_DEG if ground.roll_std_deg is None else ground.roll_std_deg
+        slope = math.tan(math.radians(ground.roll_deg))
+        slope_std = max(math.radians(std), _LEAST_SLOPE_STD)
     return Scene(
         horizon=horizon,
         horizon_std=horizon_std,
         is_given=bool(told),
-        slope=0.0,
-        slope_std=SLOPE_STD,
+        slope=slope,
+        slope_std=slope_std,
         has_plane=ground is not None,
         has_depth=not view.alone,
         span=float(view.image_size[1]),
@@ -252,6 +258,7 @@ def stance_of(
         relief_var=np.full(count, relief**2),
         box_var=box_var,
         focal_px=np.full(count, view.camera.focal_px if view.camera else np.nan),
+        focal_rel_var=np.full(count, view.camera.focal_rel_std**2 if view.camera else 0.0),
         span_px=np.full(count, float(view.image_size[1])),
         upright=upright,
         is_height=np.zeros(count, dtype=np.bool_),

@@ -69,6 +69,9 @@ class Comparison(NamedTuple):
         Variances of the log distances.
     below : (K, N) ndarray of float64
         Rows of the foot below the horizon; 1 where it is not below.
+    shared_var : (K, N) ndarray of float64
+        What the lower edge of the box, which ends the extent and is the foot, takes off the
+        variance of log(d p) by the foot.
     has_both : (K, N) ndarray of bool
         Where the object has a depth, and a foot below the horizon.
     """
@@ -78,6 +81,7 @@ class Comparison(NamedTuple):
     depth_var: FloatArray
     foot_var: FloatArray
     below: FloatArray
+    shared_var: FloatArray
     has_both: BoolArray
 
     @property
@@ -117,7 +121,8 @@ def compare(objects: Sized, stance: Stance, nuisance: Nuisance) -> Comparison:
     depth_var = np.maximum(objects.noise_under(nuisance) - stance.box_var, 0.0)
     nothing = np.full_like(by_depth, np.nan)
     if nuisance.slope is None or nuisance.gap is None:
-        return Comparison(by_depth, nothing, depth_var, nothing, nothing, np.isnan(nothing) & False)
+        no = np.zeros(by_depth.shape, dtype=np.bool_)
+        return Comparison(by_depth, nothing, depth_var, nothing, nothing, nothing, no)
     gap, slope = nuisance.gap[:, image], nuisance.slope[:, image]
     by_depth = np.where(stance.is_height, gap, by_depth)
     by_depth = by_depth - stance.lean_horizon * horizon - stance.lean_slope * slope
@@ -130,6 +135,10 @@ def compare(objects: Sized, stance: Stance, nuisance: Nuisance) -> Comparison:
         depth_var=depth_var,
         foot_var=stance.foot_var / below**2 + stance.relief_var,
         below=below,
+        # e in the edge: log p + e / p and log d - e / below; half of the extent's variance is e's
+        shared_var=np.where(
+            stance.upright, stance.box_var * np.exp(objects.log_pixels) / below, 0.0
+        ),
         has_both=np.isfinite(by_depth) & (rows > 0),
     )
 
@@ -154,7 +163,9 @@ def sight(objects: Sized, nuisance: Nuisance) -> Sighting:
     -----
     On the plane depth and foot are averaged by their precisions 1 / s_z^2 and 1 / s_g^2 and the
     difference of their logs has the variance s_z^2 + s_g^2; off it the depth stands alone and the
-    foot is anywhere in the image. Densities are those of the foot's row.
+    foot is anywhere in the image. Densities are those of the foot's row. An error of the box's
+    lower edge makes an object taller and nearer at once, which nearly cancels where it is as high
+    as the camera.
     """
     stance = objects.stance
     if stance is None or nuisance.horizon is None:
@@ -162,11 +173,13 @@ def sight(objects: Sized, nuisance: Nuisance) -> Sighting:
         one_way = np.zeros((1, *by_depth.shape))
         return Sighting(by_depth[None], objects.noise_under(nuisance)[None], one_way)
     seen = compare(objects, stance, nuisance)
+    focal_var = stance.focal_var(nuisance.horizon[:, objects.image])
     depth, foot = np.isfinite(seen.by_depth), ~np.isnan(seen.by_foot)
     one_way = np.zeros((1, *depth.shape))
     if not (depth & foot).any():  # one witness of distance each
         log_size = np.where(foot, seen.by_foot, seen.by_depth)
-        variance = np.where(foot, seen.foot_var, seen.depth_var) + stance.box_var
+        variance = np.where(foot, seen.foot_var - seen.shared_var, seen.depth_var)
+        variance = np.maximum(variance + stance.box_var + focal_var, 0.0)
         return Sighting(log_size[None], variance[None], one_way)
     either = depth & foot
     towards_foot = np.where(seen.has_both, seen.depth_var / seen.total_var, 0.0)
@@ -176,10 +189,11 @@ def sight(objects: Sized, nuisance: Nuisance) -> Sighting:
     size_on = np.where(depth | foot, size_on, seen.by_depth)
     size_off = np.where(depth, seen.by_depth, size_on)
     var_on = np.where(depth, (1 - towards_foot) * seen.depth_var, seen.foot_var)
+    var_on -= np.where(foot, np.where(depth, towards_foot, 1.0) * seen.shared_var, 0.0)
     log_off = math.log(_OFF_PLANE) - np.log(stance.span_px)
     return Sighting(
         log_size=np.stack([size_on, size_off]),
-        variance=np.stack([var_on, seen.depth_var]) + stance.box_var,
+        variance=np.maximum(np.stack([var_on, seen.depth_var]) + stance.box_var + focal_var, 0.0),
         log_weight=np.stack(
             [
                 np.where(either, np.where(seen.has_both, log_plane, -np.inf), 0.0),
