@@ -13,10 +13,13 @@ from imgscale.estimate import SizeEstimate
 from imgscale.extent import extent_rel_std
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
-from imgscale.prior_choice import log_moments, mean_key, rows_along
+from imgscale.prior_choice import MeanKey, log_moments, mean_key, moments_of, rows_along
 from imgscale.reference import Reference
+from imgscale.shared_scale import SharedScale
 
 __all__ = ["ScaleBudget", "SizeBudget"]
+
+_LEAST_VAR = 1e-12
 
 
 @attrs.frozen(kw_only=True)
@@ -37,6 +40,8 @@ class ScaleBudget:
         Errors of the references' depths, told and learned.
     camera : float
         Error of the focal length and of the metric depth's scale; 0 where it was no witness.
+    frames : float
+        Errors of all references of a shared scale, its own and those of other frames.
     shift : float
         What the unknown shift of an inverse depth adds; on a ground plane the unknown horizon.
     rest : float
@@ -49,6 +54,7 @@ class ScaleBudget:
     boxes: float = attrs.field(eq=nan_as_none)
     depths: float = attrs.field(eq=nan_as_none)
     camera: float = attrs.field(eq=nan_as_none)
+    frames: float = attrs.field(eq=nan_as_none)
     shift: float = attrs.field(eq=nan_as_none)
     rest: float = attrs.field(eq=nan_as_none)
 
@@ -156,7 +162,7 @@ def size_budget(model: ScaleModel, estimate: SizeEstimate) -> SizeBudget:
             label=estimate.label, axis=estimate.axis, scale=nothing, box=nan, depth=nan, rest=nan
         )
     box = _box_var(model, estimate.size_m / estimate.metres_per_pixel)
-    depth = _told_depth_var(model, estimate) + (model.depth_rel or 0.0) ** 2
+    depth = _told_depth_var(model, estimate) + learned_var(model)
     of_k, of_shift = _scale_vars_at(model, estimate.depth)
     scale = of_k + of_shift
     (scale, box, depth), rest = _filling([scale, box, depth], total)
@@ -192,8 +198,25 @@ def own_variances(model: ScaleModel, ref: Reference) -> FloatArray:
     mean_m, std_m = (kind.mean_m, kind.std_m) if kind else (ref.prior_m, ref.prior_std_m)
     size = float(log_moments(mean_m, std_m)[1])
     box = _box_var(model, ref.pixels)
-    depth = max(ref.noise_rel**2 - box, 0.0) + (model.depth_rel or 0.0) ** 2
+    depth = max(ref.noise_rel**2 - box, 0.0) + learned_var(model)
     return np.array([size, box, depth])
+
+
+def learned_var(model: ScaleModel) -> float:
+    """
+    Look up the variance of depths that this image alone told.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+
+    Returns
+    -------
+    float
+        0 where it was told, or learned over many frames: it is then in the references' noise.
+    """
+    return (model.depth_rel or 0.0) ** 2 if model.unknown_noise else 0.0
 
 
 def _told_depth_var(model: ScaleModel, estimate: SizeEstimate) -> float:
@@ -211,7 +234,9 @@ def _box_var(model: ScaleModel, pixels: float) -> float:
 
 
 def _declared(model: ScaleModel) -> list[float]:
-    """Variances of individuals, mean sizes, boxes, depths and camera in log k, as declared."""
+    """Variances of individuals, mean sizes, boxes, depths, camera and frames, as declared."""
+    if model.shared:
+        return _shared(model, model.shared)
     refs = [ref for ref in model.references if ref.candidate]
     own = np.zeros(3)
     shared: dict[object, float] = {}
@@ -224,7 +249,36 @@ def _declared(model: ScaleModel) -> list[float]:
         share = max(0.0, 1 - sum(ref.weight for ref in refs))
         camera = share**2 * (model.camera.focal_rel_std**2 + model.scale_rel_std**2)
     size, box, depth = (float(part) for part in own)
-    return [size, sum(part**2 for part in shared.values()), box, depth, camera]
+    return [size, sum(part**2 for part in shared.values()), box, depth, camera, 0.0]
+
+
+def _shared(model: ScaleModel, shared: SharedScale) -> list[float]:
+    """Variances of mean sizes, camera and all frames' references in log k."""
+    weights: dict[MeanKey | None, float] = {}
+    for row in (*shared.own, *shared.others):
+        key = mean_key(row.label, row.axis, model.priors)
+        weights[key] = weights.get(key, 0.0) + row.precision
+    taus = {key: _tau(model, key) for key in weights}
+    information = {
+        key: 1 / (1 / weight + taus[key] ** 2) for key, weight in weights.items() if weight > 0
+    }
+    camera_var = math.inf
+    if model.camera_is_witness and model.camera:
+        camera_var = max(model.camera.focal_rel_std**2 + model.scale_rel_std**2, _LEAST_VAR)
+    total = (sum(information.values()) + 1 / camera_var) or 1.0
+    shares = {key: own / total for key, own in information.items()}
+    mean_sizes = sum((share * taus[key]) ** 2 for key, share in shares.items())
+    frames = sum(share**2 / weights[key] for key, share in shares.items())
+    camera = (1 / camera_var / total) ** 2 * camera_var if math.isfinite(camera_var) else 0.0
+    return [0.0, mean_sizes, 0.0, 0.0, camera, frames]
+
+
+def _tau(model: ScaleModel, key: MeanKey | None) -> float:
+    """Relative error of a label's mean size."""
+    if key is None:
+        return 0.0
+    moments = moments_of(rows_along(*key, model.priors), key[1])
+    return moments.mean_std_m / moments.mean_m
 
 
 def _scale_vars_at(model: ScaleModel, depth: float) -> tuple[float, float]:
@@ -244,13 +298,14 @@ def _scale_vars_at(model: ScaleModel, depth: float) -> tuple[float, float]:
 def _scale_budget(declared: list[float], total: float) -> ScaleBudget:
     """Fit declared variances into the one that was found."""
     parts, rest = _filling(declared, total)
-    individuals, mean_sizes, boxes, depths, camera, shift = (math.sqrt(part) for part in parts)
+    individuals, mean_sizes, boxes, depths, camera, frames, shift = map(math.sqrt, parts)
     return ScaleBudget(
         individuals=individuals,
         mean_sizes=mean_sizes,
         boxes=boxes,
         depths=depths,
         camera=camera,
+        frames=frames,
         shift=shift,
         rest=math.sqrt(rest),
     )

@@ -44,6 +44,7 @@ _WORDS = {
     "boxes": "boxes",
     "depths": "depths",
     "camera": "the camera",
+    "frames": "the references of all frames",
     "shift": "the shift of the depth",
     "rest": "open alternatives",
 }

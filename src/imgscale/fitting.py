@@ -397,7 +397,11 @@ def _flags(
             Flag.SINGLE_REFERENCE: count == 1 and not has_camera,
             Flag.SINGLE_LABEL: count > 1 and len(labels) == 1 and not has_camera,
             Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
-            Flag.INCONSISTENT: bool(found.inconsistent[0]) or _scattered(references, setting),
+            Flag.INCONSISTENT: (
+                bool(found.inconsistent[0])
+                or _scattered(references, setting)
+                or bool(setting.shared and setting.shared.inconsistent)
+            ),
             Flag.CAMERA_CONFLICT: bool(_conflicts(detections, obs, setting)),
             Flag.IMPLAUSIBLE_FOCAL: _implausible_focal(references, found, setting),
             Flag.ASSUMED_HORIZON: _assumed_horizon(found, setting),

@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 
 from imgscale._typing import SizeAxis
-from imgscale.budget import own_variances, scale_budget
+from imgscale.budget import learned_var, own_variances, scale_budget
 from imgscale.extent import extent_rel_std
 from imgscale.model import ScaleModel
 from imgscale.object_prior import SIZE_AXES, normal_label
@@ -162,7 +162,7 @@ def _of_camera(model: ScaleModel) -> float:
 def _depth_var(model: ScaleModel) -> float:
     """Variance of a further depth: the median of the references used."""
     depths = [own_variances(model, ref)[2] for ref in model.references if ref.used]
-    told = (model.noise.depth_rel or 0.0) ** 2 + (model.depth_rel or 0.0) ** 2
+    told = (model.noise.depth_rel or 0.0) ** 2 + learned_var(model)
     return float(np.median(depths)) if depths else told
 
 

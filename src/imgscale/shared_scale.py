@@ -73,6 +73,8 @@ class SharedScale:
     jitter_px : float
         How far the horizon moves from frame to frame, and what else the feet's rows miss, in
         pixels.
+    inconsistent : bool
+        True where the references of all frames disagree by much more than their errors.
     """
 
     n_frames: int
@@ -84,3 +86,4 @@ class SharedScale:
         default=(0.0, 0.0, 0.0), converter=_triple
     )
     jitter_px: float = 0.0
+    inconsistent: bool = False

@@ -10,13 +10,14 @@ from typing import NamedTuple, TypedDict
 import attrs
 import numpy as np
 
-from imgscale._checks import check_type
+from imgscale._checks import check_iterable, check_type
 from imgscale._typing import FitMethod, FloatArray, IntArray
 from imgscale.columns import objects_of
 from imgscale.core.pooling import (
     PooledRows,
     Totals,
     common_offsets,
+    judged_rows,
     level_weights,
     pooled_rows,
     totals,
@@ -79,8 +80,9 @@ def fit_shared(
     Returns
     -------
     list of ScaleModel
-        One per frame, in their order. With metric depth all share k, with a `GroundPlane` camera
-        height, horizon and roll; depth of the other kinds has a scale of its own in every frame,
+        One per frame, in their order. With metric depth all share k (but for what each frame's own
+        plane adds where a `ground` tells the camera's height), with a `GroundPlane` camera height,
+        horizon and roll; depth of the other kinds has a scale of its own in every frame,
         which shares the deviation of the labels' mean sizes from the table's alone: the model's
         `priors` are then moved by it.
 
@@ -113,6 +115,7 @@ def fit_shared(
     k = 0.00200 +- 0.00006 1/px (1 / focal length) from 1 of 1 reference and those of 2 other frames
     """
     table = PriorTable.default() if priors is None else priors
+    check_iterable("frames", frames, "Frame")
     kept = [_keep(frame, table, ground=ground, method=method, noise=noise) for frame in frames]
     _check_alike(kept)
     kept = _with_noise_learned(kept)
@@ -166,10 +169,12 @@ def _check_alike(kept: Sequence[_Kept]) -> None:
     if not kept:
         msg = "`frames` must hold at least one frame; got none."
         raise ValueError(msg)
+    sized = next((frame for frame in kept if frame.setting.image_size), kept[0])
     for index, frame in enumerate(kept):
-        for name in ("kind", "camera", "ground", "image_size"):
-            first, own = (getattr(one.setting, name) for one in (kept[0], frame))
-            if name == "image_size" and None in {first, own}:
+        for name in ("kind", "camera", "ground", "scale_rel_std", "image_size"):
+            other = sized if name == "image_size" else kept[0]
+            first, own = (getattr(one.setting, name) for one in (other, frame))
+            if name == "image_size" and own is None:
                 continue
             if first != own:
                 msg = (
@@ -223,12 +228,10 @@ def _pool(kept: Sequence[_Kept], problems: Sequence[Sized]) -> _Pool:
     groups: list[int] = []
     tracks: list[tuple[object, ...] | None] = []
     for frame in kept:
-        for row in map(int, frame.obs.eligible):
-            detection = frame.detections[row]
-            key = mean_key(detection.label, frame.obs.axis[row], frame.setting.priors)
+        for row, key in zip(map(int, frame.obs.eligible), _keys(frame), strict=True):
             groups.append(keys.setdefault(key, len(keys)))
-            name = (normal_label(detection.label), detection.track_id)
-            tracks.append(name if detection.track_id is not None else None)
+            track = frame.detections[row].track_id
+            tracks.append(None if track is None else (key, track))
     joined = problems[0]
     for other in problems[1:]:
         joined = joined.joined(other)
@@ -292,14 +295,17 @@ def _with_scale_shared(kept: Sequence[_Kept]) -> list[Setting]:
         part = rows.rows(own)
         others = everyone.without(totals(part, groups, len(pool.keys)))
         keys = [pool.keys[int(group)] for group in groups]
-        of_own = [_row(part, row, key, origin) for row, key in enumerate(keys)]
         if not is_pooled:  # thinned out: its references weigh nothing
-            of_own = _weightless(frame, float(found.log_k[0]))
+            columns = _eligible(frame, jitter_px)
+            part = judged_rows(columns, cases.best, float(found.log_k[0]))
+            keys = _keys(frame)
+        of_own = [_row(part, row, key, origin) for row, key in enumerate(keys)]
         shared = SharedScale(
             n_frames=len(kept),
             own=tuple(of_own),
             others=_others(others, pool.keys, origin),
             jitter_px=jitter_px,
+            inconsistent=bool(found.inconsistent[0]),
             **_plane(others, cases.best),
         )
         settings.append(frame.setting._replace(shared=shared))
@@ -328,16 +334,12 @@ def _row(rows: PooledRows, row: int, key: MeanKey | None, origin: FloatArray) ->
     )
 
 
-def _weightless(frame: _Kept, log_k: float) -> list[SharedReference]:
-    """Put references that took no part into plain numbers."""
-    rows: list[SharedReference] = []
-    for row in map(int, frame.obs.eligible):
-        label = frame.detections[row].label
-        axis = frame.obs.axis[row]
-        rows.append(
-            SharedReference(label=label, axis=axis, log_k=log_k, precision=0.0, lean=(0.0, 0.0))
-        )
-    return rows
+def _keys(frame: _Kept) -> list[MeanKey | None]:
+    """Look up the mean sizes that a frame's references rest on."""
+    return [
+        mean_key(frame.detections[row].label, frame.obs.axis[row], frame.setting.priors)
+        for row in map(int, frame.obs.eligible)
+    ]
 
 
 def _others(
@@ -435,7 +437,7 @@ def _moved(priors: PriorTable, offsets: Mapping[MeanKey | None, float]) -> Prior
     rows: list[ObjectPrior] = []
     for prior in priors:
         offset = offsets.get((normal_label(prior.label), prior.axis), 0.0)
-        factor = math.exp(offset)
+        factor = math.exp(-offset)  # an offset of log k: the table's mean is too large by it
         moved = attrs.evolve(
             prior,
             mean_m=prior.mean_m * factor,

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray
-from imgscale.core.segments import normalised
-from imgscale.core.sighting import log_scales
+from imgscale.core.evidence import SOUND, outlier_density
+from imgscale.core.segments import MIN_VARIANCE, normalised
+from imgscale.core.sighting import log_scales, observe_under
 from imgscale.core.solving import Cases, Estimate
 from imgscale.core.witnesses import Nuisance, Sized
 
@@ -187,19 +188,61 @@ def pooled_rows(witnesses: Sized, repeats: FloatArray, cases: Cases, found: Esti
     rows = np.arange(witnesses.image.size)
     trust, kinds = found.trust[rows], np.maximum(found.kinds[rows], 0.0)
     share = kinds / np.maximum(kinds.sum(axis=1, keepdims=True), _LEAST_TRUST)
-    believed = trust > _LEAST_TRUST
-    mean = np.where(believed, (share * witnesses.prior.mean).sum(axis=1), witnesses.prior_log)
-    spread = np.where(believed, (share * witnesses.prior.variance).sum(axis=1), witnesses.prior_var)
-    noise_var = cases.obs.variance.reshape(cases.nuisance.n_cases, -1)[:, rows]
-    noise_var = (cases.weight * noise_var).sum(axis=0) - witnesses.prior_var
+    share = np.where((trust > _LEAST_TRUST)[:, None], share, witnesses.prior.share)
+    mean = (share * witnesses.prior.mean).sum(axis=1)
+    within = (share * witnesses.prior.variance).sum(axis=1)
+    between = (share * (witnesses.prior.mean - mean[:, None]) ** 2).sum(axis=1)
+    # what each kept: with the scatter beyond the errors, by the robust solver with all its kinds
+    kept = found.precision[rows]
+    variance = trust / np.maximum(kept, _LEAST_TRUST) + (0.0 if cases.grid is None else between)
+    variance = variance + (repeats - 1) * (within + between)
     best = cases.best
     log_size = log_scales(witnesses, best)[0][0] + witnesses.log_pixels
-    usable = np.isfinite(log_size)
+    usable = np.isfinite(log_size) & (kept > 0)
     return PooledRows(
         log_k=np.where(usable, mean - log_size, 0.0),
-        precision=np.where(usable, trust, 0.0) / (repeats * spread + np.maximum(noise_var, 0.0)),
+        precision=np.where(usable, trust / np.maximum(variance, MIN_VARIANCE), 0.0),
         lean=np.where(usable[:, None], _lean(witnesses, best), 0.0),
         trust=trust,
+        kind=kinds.argmax(axis=1),
+        kind_probability=kinds.max(axis=1),
+    )
+
+
+def judged_rows(witnesses: Sized, best: Nuisance, log_k: float) -> PooledRows:
+    """
+    Judge references by a scale that others found, without giving them weight.
+
+    Parameters
+    ----------
+    witnesses : Sized
+        N references of one image, of which the noise is told.
+    best : Nuisance
+        The best case.
+    log_k : float
+        Log of the scale constant.
+
+    Returns
+    -------
+    PooledRows
+        Of precision 0.
+    """
+    obs = observe_under(witnesses._replace(group=np.arange(witnesses.image.size)), best)
+    shared_var = witnesses.tau**2
+    variance = obs.kinds.variance + shared_var[:, None]
+    residual = obs.kinds.mean - log_k
+    density = SOUND * obs.kinds.share * np.exp(-0.5 * residual**2 / variance) / np.sqrt(variance)
+    n_kinds = witnesses.prior.share.shape[1]
+    n_ways = density.shape[1] // n_kinds  # in which each kind of thing may stand there
+    kinds = density.reshape(len(density), n_kinds, n_ways).sum(axis=2)
+    wrong = outlier_density(obs.y - log_k, obs.variance + shared_var)
+    kinds = kinds / (kinds.sum(axis=1) + wrong)[:, None]
+    zero = np.zeros(obs.y.size)
+    return PooledRows(
+        log_k=zero + log_k,
+        precision=zero,
+        lean=np.zeros((obs.y.size, 2)),
+        trust=kinds.sum(axis=1),
         kind=kinds.argmax(axis=1),
         kind_probability=kinds.max(axis=1),
     )

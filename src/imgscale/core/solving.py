@@ -382,6 +382,7 @@ def _solve_cases(problem: Problem, nuisance: Nuisance, best: Nuisance) -> Cases:
         if objects is not None:
             log_weight = log_weight + plane_evidence(objects, nuisance)
     n_kinds = problem.witnesses.prior.share.shape[1]
+    n_ways = kinds.shape[1] // n_kinds
     return Cases(
         witnesses=problem.witnesses,
         nuisance=nuisance,
@@ -389,7 +390,7 @@ def _solve_cases(problem: Problem, nuisance: Nuisance, best: Nuisance) -> Cases:
         fit=fit,
         grid=grid,
         # a kind of thing may stand there in several ways
-        kinds=kinds.reshape(nuisance.n_cases, len(problem.witnesses.image), n_kinds, -1).sum(3),
+        kinds=kinds.reshape(nuisance.n_cases, -1, n_kinds, n_ways).sum(axis=3),
         log_weight=log_weight,
         best=best,
     )

@@ -247,7 +247,7 @@ def unknowns_of(
         bystanders=others,
         scene=scene,
         noise=with_columns(noise, lambda column: column.reshape(1, -1)),
-        foot=_median_foot(everyone, others, levels * n_images),
+        foot=_median_foot(everyone, others, levels * n_images, scene),
         shifts=shift_scales(everyone, levels * n_images) if has_shift else None,
     )
 
@@ -305,15 +305,15 @@ def _blurred(objects: Sized, noise: float) -> Sized:
     )
 
 
-def _median_foot(witnesses: Sized, bystanders: Sized, n_images: int) -> FloatArray:
-    """Median row of the feet of each image; the middle of an image without feet."""
+def _median_foot(witnesses: Sized, bystanders: Sized, n_images: int, scene: Scene) -> FloatArray:
+    """Median row of the feet of each image; without feet a row well below the horizon."""
     feet = np.concatenate([stance_of(witnesses).foot, stance_of(bystanders).foot])
     image = np.concatenate([witnesses.image, bystanders.image])
     known = ~np.isnan(feet)
     weight = np.append(np.ones(int(known.sum())), np.full(n_images, 1e-9))
     return median_by(
         np.append(image[known], np.arange(n_images)),
-        np.append(feet[known], np.zeros(n_images)),
+        np.append(feet[known], np.full(n_images, scene.horizon + scene.span / 2)),
         weight,
         n_images,
     )

@@ -87,14 +87,16 @@ class Sized(NamedTuple):
         Parameters
         ----------
         more : Sized
-            The rows, with as many kinds of thing.
+            The rows.
 
         Returns
         -------
         Sized
             First these, then those.
         """
-        return Sized(*(_joined(*pair) for pair in zip(self, more, strict=True)))
+        width = max(self.prior.share.shape[1], more.prior.share.shape[1])
+        first, second = (part._replace(prior=_widened(part.prior, width)) for part in (self, more))
+        return Sized(*(_joined(*pair) for pair in zip(first, second, strict=True)))
 
     def tiled(self, count: int, n_images: int) -> Sized:
         """
@@ -307,6 +309,19 @@ def _picked(column: Any, rows: IntArray | BoolArray) -> Any:
         kind = cast("Any", type(cast("object", column)))
         return kind(*(part[rows] for part in parts))
     return column[rows]
+
+
+def _widened(kinds: Parts, width: int) -> Parts:
+    """Add kinds of the weight 0."""
+    more = width - kinds.share.shape[1]
+    if not more:
+        return kinds
+    share = np.pad(kinds.share, ((0, 0), (0, more)))
+    mean, variance = (
+        np.concatenate([column, np.repeat(column[:, -1:], more, axis=1)], axis=1)
+        for column in (kinds.mean, kinds.variance)
+    )
+    return Parts(share, mean, variance)
 
 
 def _joined(first: Any, second: Any) -> Any:
