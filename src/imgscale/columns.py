@@ -33,6 +33,8 @@ from imgscale.standing import Viewpoint, height_of, stance_of
 
 # A rejected reference of a shared scale weighs nothing.
 _LEAST_PRECISION = 1e-9
+# What tells nothing has this variance.
+_NOTHING_VAR = 1e6
 
 
 class FirmWitness(NamedTuple):
@@ -415,3 +417,25 @@ def _sized(
         firm=np.zeros(group.size, dtype=np.bool_),
         stance=stance,
     )
+
+
+def without_focal(witnesses: Sized, *, has_plane: bool) -> Sized:
+    """
+    Take the word from a focal length.
+
+    Parameters
+    ----------
+    witnesses : Sized
+        References and what is known of the camera, as `with_firm` joined them.
+    has_plane : bool
+        True where the camera's height comes last, after its focal length.
+
+    Returns
+    -------
+    Sized
+        The same with a focal length that tells nothing.
+    """
+    row = witnesses.image.size - 1 - has_plane
+    variance, kinds = witnesses.prior_var.copy(), witnesses.prior.variance.copy()
+    variance[row] = kinds[row] = _NOTHING_VAR
+    return witnesses._replace(prior_var=variance, prior=witnesses.prior._replace(variance=kinds))

@@ -12,7 +12,7 @@ import numpy as np
 from imgscale._format import with_error
 from imgscale._typing import FitMethod
 from imgscale.camera import Camera
-from imgscale.columns import camera_witness
+from imgscale.columns import camera_witness, without_focal
 from imgscale.core.mixture import MEDIAN, half_width
 from imgscale.core.predictive import scale_of
 from imgscale.core.solving import Problem, estimate
@@ -25,8 +25,6 @@ __all__ = ["Conflict"]
 Pose: TypeAlias = Callable[[Camera | None, GroundPlane | None], Problem]
 
 _CONFLICT_Z = 3.0
-# A focal length with this error tells nothing.
-_NOTHING_REL = 1e3
 
 
 @attrs.frozen(kw_only=True)
@@ -97,7 +95,10 @@ def conflicts(
     found: list[Conflict] = []
     solver: FitMethod = "robust" if method == "posterior" else method
     if camera:
-        problem = pose(attrs.evolve(camera, focal_rel_std=_NOTHING_REL), ground)
+        problem = pose(camera, ground)
+        problem = problem._replace(
+            witnesses=without_focal(problem.witnesses, has_plane=ground is not None)
+        )
         scale = scale_of(solve_by(solver, problem._replace(exact=False))).quantiles()
         found.append(
             Conflict(

@@ -148,6 +148,8 @@ def quantile(quantiles_m: Sequence[float], score: float) -> float:
     low, high = quantiles_m[index], quantiles_m[index + 1]
     if math.isinf(high):
         return low if place == index else high
+    if low == 0:  # below all numbers
+        return high if place == index + 1 else low
     return float(low * (high / low) ** (place - index))
 
 

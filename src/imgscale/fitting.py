@@ -361,6 +361,12 @@ def _check_options(
         )
         raise ValueError(msg)
     if camera is not None:
+        if camera.is_tilted and method in {"mean_ratio", "least_squares"}:
+            msg = (
+                f'`camera.pitch_deg` must be 0 for method "{method}"; got {camera.pitch_deg}. Only '
+                '"posterior" and "robust" correct a tilt.'
+            )
+            raise ValueError(msg)
         camera.check_image_size(depth.image_size)
         camera.check_image_size(ground.image_size if ground else None)
 

@@ -238,6 +238,7 @@ class ScaleModel:
         >>> float(metric.values[0, 0].round(2))
         5.0
         """
+        check_type("depth", depth, DepthMap, " Only maps can be put into metres.")
         check_type("camera", camera, Camera).check_image_size(depth.image_size)
         return DepthMap(
             camera.focal_px * self.scale_map(depth),

@@ -115,7 +115,8 @@ def problem_of(detections: Sequence[Detection], obs: Observations, setting: Sett
         others = others[:0]
     else:
         witnesses = chosen(objects, obs.eligible)
-    height = setting.ground and setting.ground.camera_height_m
+    alone = setting.ground if setting.kind == "ground_plane" else None
+    height = alone and alone.camera_height_m
     if not (witnesses.image.size or camera_counts(setting) or height):
         raise FitError(_no_reference(detections, obs))
     problem = problem_of_columns(witnesses, setting)

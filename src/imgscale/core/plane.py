@@ -15,6 +15,7 @@ from imgscale.core.segments import normalised
 from imgscale.core.unknowns import Scene, Unknowns, unknowns_of, with_columns
 from imgscale.core.witnesses import Nuisance, Sized, crossed
 
+_NODES = 11
 # Cases for 2, 3 and 4 unknowns, half as many for each of several levels of noise: three in five as
 # wide as the errors, the others 2.5 times.
 _CASES = {2: 48, 3: 72, 4: 112}
@@ -37,9 +38,9 @@ def tilt_cases(scene: Scene, n_images: int) -> Nuisance:
     Returns
     -------
     Nuisance
-        One case where it is known exactly, else five.
+        One case where it is known exactly, else eleven.
     """
-    nodes, weights = np.polynomial.hermite_e.hermegauss(5 if scene.horizon_std > 0 else 1)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES if scene.horizon_std > 0 else 1)
     zero = np.zeros((nodes.size, n_images))
     return Nuisance(
         shift=zero,

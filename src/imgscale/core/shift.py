@@ -132,7 +132,7 @@ def shift_scales(witnesses: Sized, n_images: int) -> ShiftScale:
     columns: list[tuple[float, float, float]] = []
     for image in range(n_images):
         inverse = witnesses.inverse_depth[(witnesses.image == image) & ~witnesses.firm]
-        width = max(abs(float(np.median(inverse))), float(inverse.std()))
+        width = max(abs(float(np.median(inverse))), float(inverse.std())) or 1.0
         # one reference, or all at one depth: something else must tell the shift
         spread = float(np.ptp(inverse)) or width
         columns.append((float(inverse.min()), spread, width))

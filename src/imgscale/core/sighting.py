@@ -133,11 +133,14 @@ def compare(objects: Sized, stance: Stance, nuisance: Nuisance) -> Comparison:
         by_depth=by_depth,
         by_foot=np.where(rows <= 0, np.inf, np.where(np.isnan(rows), np.nan, by_foot)),
         depth_var=depth_var,
-        foot_var=stance.foot_var / below**2 + stance.relief_var,
+        # a foot within its error of the horizon tells no more than that it is far
+        foot_var=stance.foot_var / (below**2 + stance.foot_var) + stance.relief_var,
         below=below,
         # e in the edge: log p + e / p and log d - e / below; half of the extent's variance is e's
         shared_var=np.where(
-            stance.upright, stance.box_var * np.exp(objects.log_pixels) / below, 0.0
+            stance.upright,
+            stance.box_var * np.exp(objects.log_pixels) * below / (below**2 + stance.foot_var),
+            0.0,
         ),
         has_both=np.isfinite(by_depth) & (rows > 0),
     )

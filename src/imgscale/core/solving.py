@@ -213,9 +213,8 @@ def solve(problem: Problem) -> Cases:
         return _solve_cases(problem, cases, best)
     best = others = _nothing_else(problem.n_images)
     if problem.has_shift:
-        shift, others = shift_cases(
-            problem.witnesses, problem.n_images, unknown_noise=problem.unknown_noise
-        )
+        level = _levelled(problem.witnesses, problem.scene)
+        shift, others = shift_cases(level, problem.n_images, unknown_noise=problem.unknown_noise)
         best = best._replace(shift=shift[None])
     if problem.scene:
         tilt = tilt_cases(problem.scene, problem.n_images)
@@ -357,6 +356,15 @@ def _nothing_else(n_images: int) -> Nuisance:
     """Make the one case of no shift."""
     zero = np.zeros((1, n_images))
     return Nuisance(zero, zero, zero)
+
+
+def _levelled(witnesses: Sized, scene: Scene | None) -> Sized:
+    """Show objects as a level camera would, by the tilt as it is known beforehand."""
+    if scene is None or witnesses.stance is None:
+        return witnesses
+    tilts = witnesses.stance.tilts(np.full((1, witnesses.image.size), scene.horizon))
+    upright = np.where(witnesses.firm, 0.0, tilts.by_depth[0])
+    return witnesses._replace(log_pixels=witnesses.log_pixels + upright, stance=None)
 
 
 def _tilted(others: Nuisance, tilt: Nuisance) -> Nuisance:
