@@ -774,3 +774,23 @@ def test_some_pictures_look_far_down(method):
     [found] = scale_of(solve_by(method, problem)).quantiles()
     low, middle, high = BruteForce(pair).log_k_quantiles([0.05, 0.5, 0.95])
     assert found[found.size // 2] == pytest.approx(middle, abs=0.05 * (high - low))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("horizon", [300.0, 480.0, 600.0])
+def test_without_any_foot_the_told_horizon_stands(horizon, method):
+    told = ims.GroundPlane(
+        image_size=SIZE, horizon_px=horizon, horizon_std_px=1.0, camera_height_m=1.6
+    )
+    model = ims.fit([], told, POST, method=method)
+    assert model.horizon_px == pytest.approx(horizon, abs=0.1)
+
+
+def test_an_object_near_the_horizon_has_a_finite_positive_lower_end():
+    told = ims.GroundPlane(image_size=SIZE, horizon_px=480.0, horizon_std_px=20.0)
+    model = ims.fit([column(1.2, 800)], told, POST, method="robust")
+    for foot in (484.3, 488.45, 490.0):
+        thing = ims.Detection("thing", (630.0, foot - 40, 650.0, foot))
+        [size] = ims.predict(model, [thing])
+        # a size is the smaller the farther the horizon: at 5 sigma 40 px of it span 0.6 m
+        assert size.interval(0.99)[0] > 0.1

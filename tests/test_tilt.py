@@ -197,7 +197,9 @@ def test_leaving_one_out_is_fit_without_and_predict(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("pitch_std_deg", "depth_rel"), [(0.5, 0.005), (1.0, 0.005), (3.0, 0.02)])
+@pytest.mark.parametrize(
+    ("pitch_std_deg", "depth_rel"), [(0.5, 0.005), (1.0, 0.005), (3.0, 0.005), (3.0, 0.02)]
+)
 def test_an_uncertain_pitch_adds_its_part_to_the_interval(pitch_std_deg, depth_rel, method):
     # one reference, far down in the picture, says nothing of the pitch; the other is far up
     post, thing = (ims.Detection(*args) for args in (
@@ -341,3 +343,32 @@ def test_a_told_horizon_and_a_told_pitch_are_averaged_by_their_precisions(method
     assert model.horizon_px == pytest.approx([400, 430] @ precision / precision.sum(), abs=0.5)
     # some dozens of cases tell it to some per cent
     assert model.plane.horizon_std_px == pytest.approx(precision.sum() ** -0.5, rel=0.08)
+
+
+@pytest.mark.parametrize("method", ["mean_ratio", "least_squares"])
+def test_the_papers_methods_refuse_a_tilt_that_they_cannot_correct(method):
+    objects = things(1, 6, 20.0)
+    with pytest.raises(ValueError, match=r"`camera\.pitch_deg` must be 0 for method"):
+        ims.fit(
+            seen(objects),
+            depths(objects),
+            table(objects[:5]),
+            noise=EXACT,
+            method=method,
+            camera=camera(20.0),
+        )
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("pitch_deg", [-10.0, 20.0])
+def test_a_told_pitch_and_an_unknown_shift_go_together(pitch_deg, method):
+    objects = things(1, 6, pitch_deg)
+    z = np.array([thing.z_m for thing in objects])
+    depth = ims.ObjectDepths(FOCAL * BASELINE / z - 4.0, kind="affine_inverse", image_size=SIZE)
+    model = ims.fit(
+        seen(objects), depth, table(objects[:5]), noise=EXACT, method=method,
+        camera=camera(pitch_deg),
+    )  # fmt: skip
+    assert model.k == pytest.approx(BASELINE, rel=1e-5)
+    for size, thing in zip(ims.predict(model, seen(objects), depth), objects, strict=True):
+        assert size.size_m == pytest.approx(thing.height_m, rel=1e-5)

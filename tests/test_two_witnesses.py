@@ -410,3 +410,31 @@ def test_intervals_cover_nine_in_ten(method, count):
     margin = 3 * math.sqrt(0.09 / count)
     assert abs(of_heights - 0.9) < margin
     assert abs(of_sizes - 0.9) < margin * math.sqrt(0.6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_told_height_gives_relative_depths_their_scale(method):
+    # nothing of known size: k is the told height over what the feet say it is in depth units
+    scene = Scene.drawn(6, 8)
+    told = ims.GroundPlane(image_size=SIZE, camera_height_m=CAMERA_HEIGHT, camera_height_std_m=0.05)
+    labels = ["thing"] * 8
+    depth = relative(UNIT * scene.z_m, 0.02)
+    model = ims.fit(scene.seen(labels), depth, scene.table(0), ground=told, method=method)
+    assert model.k == pytest.approx(1 / (UNIT * FOCAL), rel=0.02)
+    assert 0.05 / CAMERA_HEIGHT < model.k_std / model.k < 0.05
+    for size, size_m in zip(
+        ims.predict(model, scene.seen(labels), depth), scene.size_m, strict=True
+    ):
+        assert size.size_m == pytest.approx(size_m, rel=0.03)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("factor", [0.7, 1.0, 1.4])
+def test_a_wrong_focal_length_is_noticed_beside_a_plane(factor, method):
+    scene = Scene.drawn(6, 6)
+    depth = ims.ObjectDepths(scene.z_m, kind="metric", rel_std=0.02)
+    camera = ims.Camera(factor * FOCAL, focal_rel_std=0.01, image_size=SIZE)
+    model = ims.fit(
+        scene.seen(), depth, scene.table(5, 0.02), ground=GROUND, camera=camera, method=method
+    )
+    assert (Flag.CAMERA_CONFLICT in model.flags) == (factor != 1.0)

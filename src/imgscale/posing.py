@@ -115,8 +115,9 @@ def problem_of(detections: Sequence[Detection], obs: Observations, setting: Sett
         others = others[:0]
     else:
         witnesses = chosen(objects, obs.eligible)
-    alone = setting.ground if setting.kind == "ground_plane" else None
-    height = alone and alone.camera_height_m
+    height = setting.ground and setting.ground.camera_height_m
+    if setting.kind == "affine_inverse":  # feet and depths alone do not tell its shift
+        height = None
     if not (witnesses.image.size or camera_counts(setting) or height):
         raise FitError(_no_reference(detections, obs))
     problem = problem_of_columns(witnesses, setting)

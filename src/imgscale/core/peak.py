@@ -209,13 +209,15 @@ def _height_gap(witnesses: Sized, nuisance: Nuisance) -> FloatArray:
     """Log of the camera's height as it was told, over k as depths alone say it."""
     count, n_images = nuisance.shift.shape
     is_height = stance_of(witnesses).is_height
+    height = np.zeros(n_images)
+    height[witnesses.image[is_height]] = witnesses.prior_log[is_height]
     sized = witnesses.rows(~is_height)
+    if not sized.image.size:  # depths and feet alone must tell
+        return np.tile(height, count)
     by_depth = compare(sized, stance_of(sized), nuisance).by_depth
     own_k = sized.prior_log - np.where(np.isfinite(by_depth), by_depth, 0.0)
     place = numbered(sized.image, count, n_images)
     log_k = median_by(place, own_k.ravel(), np.ones(place.size), count * n_images)
-    height = np.zeros(n_images)
-    height[witnesses.image[is_height]] = witnesses.prior_log[is_height]
     gap: FloatArray = np.tile(height, count) - log_k
     return gap
 
