@@ -33,7 +33,7 @@ from validation_views import SEED
 
 import imgscale as ims
 
-_SYNTHETIC_IMAGES = 30
+_SYNTHETIC_IMAGES = 20
 
 
 class UsageError(Exception):

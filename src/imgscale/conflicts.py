@@ -96,9 +96,9 @@ def conflicts(
     solver: FitMethod = "robust" if method == "posterior" else method
     if camera:
         problem = pose(camera, ground)
-        problem = problem._replace(
-            witnesses=without_focal(problem.witnesses, has_plane=ground is not None)
-        )
+        if method in {"robust", "posterior"}:  # where it is a witness
+            silent = without_focal(problem.witnesses, has_plane=ground is not None)
+            problem = problem._replace(witnesses=silent)
         scale = scale_of(solve_by(solver, problem._replace(exact=False))).quantiles()
         found.append(
             Conflict(

@@ -237,9 +237,10 @@ def fit_observed(
     cases = solve_by(setting.method, problem)
     found = estimate(problem, cases)
     log_k = float(found.log_k[0])
-    candidates, belief = _candidates(detections, obs, setting, problem)
+    objects = objects_of(obs, view_of(setting))
+    candidates, belief = _candidates(detections, obs, setting, problem, objects)
     references = explain_references(
-        detections, obs, setting.priors, candidates, cases, found, belief
+        detections, obs, setting.priors, objects, candidates, cases, found, belief
     )
     plane = _plane(found.plane, setting)
     shift = _shift(found, plane, setting.kind)
@@ -264,14 +265,17 @@ def _depth_rel(found: Estimate, problem: Problem, setting: Setting) -> float | N
 
 
 def _candidates(
-    detections: Sequence[Detection], obs: Observations, setting: Setting, problem: Problem
+    detections: Sequence[Detection],
+    obs: Observations,
+    setting: Setting,
+    problem: Problem,
+    objects: Sized,
 ) -> tuple[Sized, Belief | None]:
     """Look up the references as they are by themselves, and how many frames took them, if so."""
     shared = setting.shared
     if shared is None:
         return problem.witnesses.rows(np.arange(obs.eligible.size)), None
     keys = shared_keys(shared, setting.priors)
-    objects = objects_of(obs, view_of(setting))
     grouped = in_groups(objects, detections, obs, keys, setting.priors).rows(obs.eligible)
     belief = Belief(
         trust=np.array([row.trust for row in shared.own], dtype=np.float64),

@@ -57,6 +57,7 @@ def explain_references(
     detections: Sequence[Detection],
     obs: Observations,
     priors: PriorTable,
+    objects: Sized,
     candidates: Sized,
     cases: Cases,
     estimate: Estimate,
@@ -73,6 +74,8 @@ def explain_references(
         Their columns.
     priors : PriorTable
         Sizes by label.
+    objects : Sized
+        All of them as columns.
     candidates : Sized
         The eligible rows, with their own priors.
     cases : Cases
@@ -92,7 +95,7 @@ def explain_references(
         trust = estimate.trust[: obs.eligible.size]
         belief = Belief(trust, of_kinds.argmax(axis=1), of_kinds.max(axis=1))
     columns = _columns(obs, candidates, cases, estimate, belief)
-    own_k = columns["own_k"]
+    own_k = obs.prior_m / np.exp(log_scales(objects, cases.best)[0][0] + objects.log_pixels)
     place = {int(row): index for index, row in enumerate(obs.eligible)}
     references: list[Reference] = []
     for row, detection in enumerate(detections):
@@ -107,7 +110,7 @@ def explain_references(
                 pixels=float(obs.pixels[row]),
                 depth=float(obs.depth[row]),
                 metres_per_pixel=float(obs.prior_m[row] / obs.pixels[row]),
-                k=math.nan if index is None else float(own_k[index]),
+                k=float(own_k[row]),
                 foot_xy=(float(obs.feet[row, 0]), float(obs.feet[row, 1])),
                 prior_m=float(obs.prior_m[row]),
                 prior_std_m=float(obs.prior_std_m[row]),
@@ -141,7 +144,6 @@ def _columns(
         log_size[rejected] = estimate.log_k[0] + (log_scale + candidates.log_pixels)[rejected]
     posterior_m = np.exp(log_size)
     return {
-        "own_k": obs.prior_m[obs.eligible] / np.exp(log_scale + candidates.log_pixels),
         "posterior_m": posterior_m,
         "posterior_std_m": posterior_m * half_width(quantiles),
         "z_score": residuals(cases, candidates, own),
