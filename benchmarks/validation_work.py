@@ -9,7 +9,14 @@ from typing import TypeAlias
 
 import numpy as np
 from validation_outcomes import Outcome, Part, scale_outcomes, size_outcome
-from validation_protocols import Setting, fit_frames, fit_model, size_objects, size_with
+from validation_protocols import (
+    Setting,
+    fit_frames,
+    fit_model,
+    size_objects,
+    size_on_plane,
+    size_with,
+)
 from validation_runs import Run
 from validation_scenes import Scene
 from validation_views import View, frame_of, view_of
@@ -95,7 +102,12 @@ def _heights_of_drive(scenes: Sequence[Scene], setting: Setting, run: Run, unit:
             refused += _count(inside)
             continue
         for number, view in inside.items():
-            answers = size_with(view, model, view.targets, _count(outside))
+            if (
+                model.plane and len(view.targets) > 1
+            ):  # the car has pitched since: so does its image
+                answers = size_on_plane(view, model, setting)
+            else:
+                answers = size_with(view, model, view.targets, _count(outside))
             outcomes += [size_outcome(number, view, answer, setting) for answer in answers]
     return Part(outcomes, refused_images, refused)
 

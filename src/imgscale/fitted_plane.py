@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import attrs
+
+from imgscale._typing import ImageSize
+from imgscale.depth import GroundPlane
 
 __all__ = ["FittedPlane"]
 
@@ -35,3 +40,40 @@ class FittedPlane:
     horizon_std_px: float
     roll_deg: float
     roll_std_deg: float
+
+    def as_prior(
+        self, image_size: ImageSize, *, jitter_px: float = 0.0, jitter_deg: float = 0.0
+    ) -> GroundPlane:
+        """
+        Take the plane for what is known beforehand of another picture by the same camera.
+
+        Parameters
+        ----------
+        image_size : (width, height)
+            Size of the image in pixels.
+        jitter_px, jitter_deg : float
+            How far horizon and roll move from picture to picture, >= 0: 0 for a camera that stands
+            still, some pixels and a degree for one that drives.
+
+        Returns
+        -------
+        GroundPlane
+            To be given to `fit`, which then finds what that picture has of its own.
+
+        Examples
+        --------
+        >>> from imgscale import FittedPlane
+        >>> plane = FittedPlane(camera_height_m=1.65, camera_height_std_m=0.03, horizon_px=180.0,
+        ...                     horizon_std_px=3.0, roll_deg=0.2, roll_std_deg=0.1)
+        >>> plane.as_prior((1242, 375), jitter_px=4.0).horizon_std_px
+        5.0
+        """
+        return GroundPlane(
+            image_size=image_size,
+            horizon_px=self.horizon_px,
+            horizon_std_px=math.hypot(self.horizon_std_px, jitter_px),
+            camera_height_m=self.camera_height_m,
+            camera_height_std_m=self.camera_height_std_m,
+            roll_deg=self.roll_deg,
+            roll_std_deg=math.hypot(self.roll_std_deg, jitter_deg),
+        )
