@@ -12,7 +12,6 @@ from imgscale._checks import check_choice, check_type
 from imgscale._typing import DepthKind, FitMethod
 from imgscale.camera import Camera
 from imgscale.columns import in_groups, objects_of, shared_keys
-from imgscale.conflicts import Conflict, conflicts
 from imgscale.core.mixture import half_width
 from imgscale.core.predictive import scale_of
 from imgscale.core.solving import Estimate, PlaneEstimate, Problem, estimate
@@ -20,24 +19,20 @@ from imgscale.core.witnesses import Sized
 from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
 from imgscale.detection import Detection, check_detections
 from imgscale.fitted_plane import FittedPlane
-from imgscale.flags import Flag, flags_where
-from imgscale.implied_focal import plausible_focal
 from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.object_depth import with_image_size
 from imgscale.observations import Observations, observe
-from imgscale.posing import Setting, camera_counts, problem_of, solve_by, view_of
-from imgscale.prior_choice import mean_key
+from imgscale.posing import Setting, problem_of, solve_by, view_of
 from imgscale.priors import PriorTable
-from imgscale.reference import OUTLIER, Reference
+from imgscale.reference import Reference
 from imgscale.referencing import Belief, explain_references
-from imgscale.standing import scene_of
+from imgscale.reservations import reservations
 
 __all__ = ["fit"]
 
 METHODS: tuple[FitMethod, ...] = get_args(FitMethod)
-_SCATTER_Z = 2.0
 
 
 def fit(
@@ -251,7 +246,7 @@ def fit_observed(
         plane=plane,
         mean_depth=_mean_depth(references, setting.kind, shift["shift"]),
         references=references,
-        flags=_flags(detections, references, obs, found, setting),
+        flags=reservations(detections, references, obs, found, setting),
         depth_rel=_depth_rel(found, problem, setting),
         **setting.kept(),
     )
@@ -383,77 +378,3 @@ def _mean_depth(references: Sequence[Reference], kind: DepthKind, shift: float) 
         distances = law.relative_distance(depths, shift)
     distances = distances[np.isfinite(distances) & (distances > 0)]
     return law.value_at(float(distances.mean()), shift) if distances.size else math.nan
-
-
-def _flags(
-    detections: Sequence[Detection],
-    references: Sequence[Reference],
-    obs: Observations,
-    found: Estimate,
-    setting: Setting,
-) -> Flag:
-    """Collect the model's reservations."""
-    used = [index for index, ref in enumerate(references) if ref.used]
-    labels = {mean_key(references[index].label, obs.axis[index], setting.priors) for index in used}
-    count = len(used)
-    if setting.shared:
-        labels.update(
-            mean_key(row.label, row.axis, setting.priors) for row in setting.shared.others
-        )
-        count += len(setting.shared.others)
-    has_camera = camera_counts(setting)
-    return flags_where(
-        {
-            Flag.SINGLE_REFERENCE: count == 1 and not has_camera,
-            Flag.SINGLE_LABEL: count > 1 and len(labels) == 1 and not has_camera,
-            Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
-            Flag.INCONSISTENT: (
-                bool(found.inconsistent[0])
-                or _scattered(references, setting)
-                or bool(setting.shared and setting.shared.inconsistent)
-            ),
-            Flag.CAMERA_CONFLICT: bool(_conflicts(detections, obs, setting)),
-            Flag.IMPLAUSIBLE_FOCAL: _implausible_focal(references, found, setting),
-            Flag.ASSUMED_HORIZON: _assumed_horizon(found, setting),
-            Flag.MIXED_DEPTH: any(bool(obs.mixed[index]) for index in used),
-        }
-    )
-
-
-def _assumed_horizon(found: Estimate, setting: Setting) -> bool:
-    """Tell whether nothing but the prior for photos at large fixed the horizon of a plane alone."""
-    view = view_of(setting)
-    if not (view and view.alone and found.plane) or setting.shared:
-        return False
-    scene = scene_of(view)
-    return not scene.is_given and float(found.plane.horizon_std[0]) > scene.horizon_std / 2
-
-
-def _scattered(references: Sequence[Reference], setting: Setting) -> bool:
-    """Tell whether references that nothing rejected are scattered by twice their errors."""
-    z_scores = np.array([ref.z_score for ref in references if ref.used])
-    rejects = setting.method in {"posterior", "robust"}
-    return not rejects and z_scores.size > 1 and float(np.mean(z_scores**2)) > _SCATTER_Z**2
-
-
-def _conflicts(
-    detections: Sequence[Detection], obs: Observations, setting: Setting
-) -> tuple[Conflict, ...]:
-    """Compare the camera with what all references say together without it."""
-    if not (obs.eligible.size or setting.shared):
-        return ()
-
-    def pose(camera: Camera | None, ground: GroundPlane | None) -> Problem:
-        return problem_of(detections, obs, setting._replace(camera=camera, ground=ground))
-
-    camera = setting.camera if setting.kind == "metric" else None
-    return conflicts(camera, setting.ground, setting.scale_rel_std, setting.method, pose)
-
-
-def _implausible_focal(references: Sequence[Reference], found: Estimate, setting: Setting) -> bool:
-    """Tell whether the implied or the given focal length belongs to no camera that takes photos."""
-    low, high = plausible_focal(setting.image_size, references)
-    # a camera's may be that of a telephoto or a crop, but never as short as its millimetres
-    too_short = setting.camera is not None and setting.camera.focal_px < low
-    implied = math.exp(-float(found.log_k[0]))
-    return too_short or (setting.kind == "metric" and not low <= implied <= high)
