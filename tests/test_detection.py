@@ -553,3 +553,24 @@ def test_any_four_numbers_make_a_lawful_box_or_a_value_error(number, place):
     else:
         assert x1 < x2
         assert y1 < y2
+
+
+# --- further names ---
+
+
+def test_aliases_are_kept_as_a_tuple():
+    sedan = Detection("Sedan", (0, 0, 9, 9), aliases=["Car", "Vehicle"])
+    assert sedan.aliases == ("Car", "Vehicle")
+    assert sedan.names == ("Sedan", "Car", "Vehicle")
+    assert Detection("Sedan", (0, 0, 9, 9), aliases="Car").aliases == ("Car",)
+
+
+@pytest.mark.parametrize("aliases", [7, [7], [" "], [None]])
+def test_aliases_must_be_strings(aliases):
+    with pytest.raises((TypeError, ValueError), match="`aliases` must"):
+        Detection("Sedan", (0, 0, 9, 9), aliases=aliases)
+
+
+def test_another_box_leaves_the_rest_as_it_is():
+    car = Detection("car", (0, 0, 9, 9), score=0.5, track_id=3, aliases=("auto",))
+    assert car.with_box((1, 1, 5, 6)) == attrs.evolve(car, xyxy=(1.0, 1.0, 5.0, 6.0))

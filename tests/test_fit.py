@@ -332,6 +332,38 @@ def test_ten_references_of_one_label_are_not_ten_witnesses(method):
     )
 
 
+@pytest.mark.parametrize("method", ["robust", "posterior"])
+def test_an_object_known_by_an_alias_is_fitted_as_though_that_were_its_label(method):
+    table = ims.PriorTable([ims.ObjectPrior("car", 1.5, 0.1, mean_std_m=0.05)])
+    depths = ims.ObjectDepths([9.0, 11.0, 8.0, 9.5], kind="relative", rel_std=0.02)
+
+    def models(labels):
+        boxes = [(0, 0, 50, 40), (60, 0, 120, 31), (0, 50, 30, 95), (200, 10, 260, 52)]
+        objects = [
+            ims.Detection(label, box, aliases=aliases)
+            for (label, *aliases), box in zip(labels, boxes, strict=True)
+        ]
+        model = ims.fit(objects, depths, table, method=method)
+        return model, ims.predict(model, objects, depths, use_prior=True)
+
+    plain, plain_sizes = models([("car",), ("car",), ("statue",), ("car",)])
+    named, sizes = models([("Sedan", "Car", "Vehicle"), ("car",), ("statue",), ("SUV", "Car")])
+    assert named.k == plain.k
+    assert named.k_std == plain.k_std
+    assert [ref.prior_label for ref in named.references] == ["Car", "car", "statue", "Car"]
+    assert [ref.label for ref in named.references] == ["Sedan", "car", "statue", "SUV"]
+    for size, plain_size in zip(sizes, plain_sizes, strict=True):
+        assert (size.size_m, size.std_m) == (plain_size.size_m, plain_size.std_m)
+    assert ims.ScaleModel.from_dict(named.to_dict()) == named
+
+
+def test_the_label_itself_comes_before_its_aliases():
+    table = ims.PriorTable([ims.ObjectPrior("van", 2.2, 0.2), ims.ObjectPrior("car", 1.5, 0.1)])
+    van = ims.Detection("van", (0, 0, 50, 40), aliases=("car",))
+    (ref,) = ims.fit([van], ims.ObjectDepths([9.0], kind="relative"), table).references
+    assert (ref.prior_label, ref.prior_m) == ("van", 2.2)
+
+
 @pytest.mark.parametrize("method", FITTED)
 def test_aliases_of_one_label_share_its_uncertain_mean(method):
     prior = ims.ObjectPrior("pole 0", 1.7, 0.0, mean_std_m=0.1, aliases=("post",))

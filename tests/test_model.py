@@ -144,16 +144,16 @@ def test_a_rebuilt_model_predicts_the_same(kind, method):
 
 def test_the_record_names_its_schema_and_its_flags():
     record = busy_model().to_dict()
-    assert record["schema"] == 3
+    assert record["schema"] == 4
     assert record["flags"] == ["OUTLIERS"]
     assert record["references"][5]["depth"] is None
     assert record["camera"]["focal_px"] == FOCAL
 
 
-@pytest.mark.parametrize("schema", [0, 1, 2, "3", None])
+@pytest.mark.parametrize("schema", [0, 1, 2, 3, "4", None])
 def test_a_record_of_another_schema_is_refused(schema):
     record = busy_model().to_dict() | {"schema": schema}
-    with pytest.raises(ValueError, match=f"`record` must have schema 3; got {schema!r}"):
+    with pytest.raises(ValueError, match=f"`record` must have schema 4; got {schema!r}"):
         ims.ScaleModel.from_dict(record)
 
 

@@ -212,7 +212,7 @@ def test_a_generator_of_detections_is_taken_like_a_list():
     [
         (lambda record: record.pop("references"), "others: references"),
         (lambda record: record.update(extra=1), "others: extra"),
-        (lambda record: record.update(schema=1), "schema 3; got 1"),
+        (lambda record: record.update(schema=1), "schema 4; got 1"),
     ],
     ids=["missing", "extra", "schema"],
 )

@@ -193,7 +193,7 @@ def own_variances(model: ScaleModel, ref: Reference) -> FloatArray:
         Variances of the individual's size, of its box and of its depth. The size is of the kind of
         thing that the reference was taken for.
     """
-    rows = rows_along(ref.label, ref.axis, model.priors)
+    rows = rows_along(ref.prior_label, ref.axis, model.priors)
     kind = min(rows, key=lambda row: abs(row.mean_m - ref.taken_as_m), default=None)
     mean_m, std_m = (kind.mean_m, kind.std_m) if kind else (ref.prior_m, ref.prior_std_m)
     size = float(log_moments(mean_m, std_m)[1])
@@ -242,7 +242,7 @@ def _declared(model: ScaleModel) -> list[float]:
     shared: dict[object, float] = {}
     for ref in refs:
         own += ref.weight**2 * own_variances(model, ref)
-        key = mean_key(ref.label, ref.axis, model.priors)
+        key = mean_key(ref.prior_label, ref.axis, model.priors)
         shared[key] = shared.get(key, 0.0) + ref.weight * ref.prior_mean_std_m / ref.prior_m
     camera = 0.0
     if model.camera_is_witness and model.camera:

@@ -100,9 +100,9 @@ def claims_of(model: ScaleModel) -> Claims:
         One row for each candidate, used or rejected, in their order.
     """
     refs = [ref for ref in model.references if ref.candidate]
-    keys = [mean_key(ref.label, ref.axis, model.priors) for ref in refs]
+    keys = [mean_key(ref.prior_label, ref.axis, model.priors) for ref in refs]
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-    rows = [rows_along(ref.label, ref.axis, model.priors) for ref in refs]
+    rows = [rows_along(ref.prior_label, ref.axis, model.priors) for ref in refs]
     columns = [
         (ref.pixels, ref.depth, ref.noise_rel, ref.prior_m, ref.prior_std_m, ref.prior_mean_std_m)
         for ref in refs

@@ -24,6 +24,7 @@ from imgscale.prior_choice import (
     log_moments,
     mean_key,
     moments_of,
+    prior_label,
     rows_along,
 )
 from imgscale.priors import PriorTable
@@ -154,7 +155,7 @@ def references_of(model: ScaleModel, view: Viewpoint | None) -> ModelColumns:
         return ModelColumns(with_firm(witnesses, firm), everyone, keys)
     candidates = [ref for ref in model.references if ref.candidate]
     others = [ref for ref in model.references if not ref.candidate]
-    ref_keys = [mean_key(ref.label, ref.axis, model.priors) for ref in candidates]
+    ref_keys = [mean_key(ref.prior_label, ref.axis, model.priors) for ref in candidates]
     keys = list(dict.fromkeys(ref_keys))
     witnesses = _of_references(candidates, model, view)._replace(
         group=np.array([keys.index(key) for key in ref_keys], dtype=np.intp)
@@ -183,7 +184,7 @@ class ModelColumns(NamedTuple):
 
 def _of_references(refs: Sequence[Reference], model: ScaleModel, view: Viewpoint | None) -> Sized:
     """Columns of some of a model's references, without their groups."""
-    rows = [rows_along(ref.label, ref.axis, model.priors) for ref in refs]
+    rows = [rows_along(ref.prior_label, ref.axis, model.priors) for ref in refs]
     moments = [(ref.prior_m, ref.prior_std_m, ref.prior_mean_std_m) for ref in refs]
     depth = np.array([ref.depth for ref in refs], dtype=np.float64)
     pixels = np.array([ref.pixels for ref in refs], dtype=np.float64)
@@ -240,7 +241,7 @@ def in_groups(
     """
     numbers = {key: number for number, key in enumerate(keys)}
     groups = [
-        numbers.get(mean_key(detection.label, axis, priors), -1)
+        numbers.get(mean_key(prior_label(detection, priors), axis, priors), -1)
         for detection, axis in zip(detections, obs.axis, strict=True)
     ]
     return subjects._replace(group=np.array(groups, dtype=np.intp))

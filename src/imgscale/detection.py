@@ -42,6 +42,13 @@ def _as_box(value: Sequence[float] | NDArray[Any]) -> Box:
     return (x1, y1, x2, y2)
 
 
+def _as_names(value: Iterable[str]) -> tuple[str, ...]:
+    if isinstance(value, str):
+        return (value,)
+    check_iterable("aliases", value, "str")
+    return tuple(value)
+
+
 def _as_mask(value: ArrayLike | None) -> BoolArray | None:
     if value is None:
         return None
@@ -87,6 +94,9 @@ class Detection:
         True where the object is known to be cut or hidden: it is never a reference.
     track_id : int, str or None
         Identity of the physical object across images.
+    aliases : tuple of str
+        Further names of the object, the most telling first. Where the table of priors does not
+        know the label, the first of these that it knows serves.
 
     Raises
     ------
@@ -131,6 +141,12 @@ class Detection:
         kw_only=True,
         validator=attrs.validators.optional(attrs.validators.instance_of((int, str))),
     )
+    aliases: tuple[str, ...] = attrs.field(
+        default=(),
+        kw_only=True,
+        converter=_as_names,
+        validator=attrs.validators.deep_iterable(text),
+    )
 
     def __attrs_post_init__(self) -> None:
         if self.mask is None:
@@ -146,6 +162,11 @@ class Detection:
             raise ValueError(msg)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The label, then the aliases."""
+        return (self.label, *self.aliases)
+
+    @property
     def width_px(self) -> float:
         """Width of the box, in pixels."""
         return self.xyxy[2] - self.xyxy[0]
@@ -154,6 +175,27 @@ class Detection:
     def height_px(self) -> float:
         """Height of the box, in pixels."""
         return self.xyxy[3] - self.xyxy[1]
+
+    def with_box(self, xyxy: Sequence[float] | NDArray[Any]) -> Detection:
+        """
+        Put another box in the place of this one.
+
+        Parameters
+        ----------
+        xyxy : (4,) sequence of float
+            The new box (x1, y1, x2, y2), in pixels.
+
+        Returns
+        -------
+        Detection
+            The same object otherwise.
+
+        Raises
+        ------
+        ValueError
+            If the four numbers do not make a box, or the mask is empty in it.
+        """
+        return attrs.evolve(self, xyxy=xyxy)
 
     @classmethod
     def from_xywh(

@@ -28,7 +28,7 @@ from imgscale.shared_scale import SharedReference, SharedScale
 
 __all__ = ["ScaleModel"]
 
-_SCHEMA = 3
+_SCHEMA = 4
 
 
 @attrs.frozen(kw_only=True)

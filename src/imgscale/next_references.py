@@ -85,7 +85,7 @@ def next_references(model: ScaleModel) -> tuple[NextReference, ...]:
     used = [ref for ref in model.references if ref.used]
     weights: dict[MeanKey | None, list[float]] = {}
     for ref in used:
-        key = mean_key(ref.label, ref.axis, model.priors)
+        key = mean_key(ref.prior_label, ref.axis, model.priors)
         group = weights.setdefault(key, [0.0, ref.prior_mean_std_m / ref.prior_m])
         group[0] += 1 / max(float(own_variances(model, ref).sum()), 1e-12)
     now = sum(_information(*group) for group in weights.values()) + _of_camera(model)
@@ -106,7 +106,7 @@ def next_references(model: ScaleModel) -> tuple[NextReference, ...]:
             k_rel_std_after=after(weights[key], _typical_var(model, label, depth_var)[0]),
         )
         for key, label in {
-            mean_key(ref.label, ref.axis, model.priors): ref.label for ref in used
+            mean_key(ref.prior_label, ref.axis, model.priors): ref.prior_label for ref in used
         }.items()
     ]
     fresh: list[NextReference] = []

@@ -22,7 +22,14 @@ from imgscale.laws import LAWS
 from imgscale.noise import Noise
 from imgscale.object_depth import DepthColumns, foot_depths, object_depths
 from imgscale.object_prior import SIZE_AXES
-from imgscale.prior_choice import MeanKey, PriorChoice, choose_prior, log_kinds, mean_key
+from imgscale.prior_choice import (
+    MeanKey,
+    PriorChoice,
+    choose_prior,
+    log_kinds,
+    mean_key,
+    prior_label,
+)
 from imgscale.priors import PriorTable
 from imgscale.standing import feet_of
 from imgscale.thickness import surface_depth, view_extent
@@ -156,14 +163,17 @@ def observe(
     _check_masks(detections, depth)
     extents: Extents = {name: pixel_extent(boxes, name) for name in SIZE_AXES}
     choice = [
-        choose_prior(detection.label, _extents_of(extents, row), priors, noise, axis)
+        choose_prior(prior_label(detection, priors), _extents_of(extents, row), priors, noise, axis)
         for row, detection in enumerate(detections)
     ]
     pixels = np.array([extents[c.axis][i] for i, c in enumerate(choice)], dtype=np.float64)
     feet = np.full((len(detections), 2), np.nan)
     if ground:
         stands = np.array(
-            [all(row.on_ground for row in priors.lookup(d.label)) for d in detections],
+            [
+                all(row.on_ground for row in priors.lookup(prior_label(d, priors)))
+                for d in detections
+            ],
             dtype=np.bool_,
         )
         feet = feet_of(detections, stands, ground.image_size)
@@ -253,7 +263,7 @@ def _on_surface(
     long_m = np.full(len(detections), math.nan)
     for i, detection in enumerate(detections):
         pixels = _extents_of(extents, i)
-        own = choose_prior(detection.label, pixels, priors, noise, None)
+        own = choose_prior(prior_label(detection, priors), pixels, priors, noise, None)
         told = [(row.share, row.depth_extent_m) for row in own.rows if row.depth_extent_m]
         if own.rows:
             scale[i] = own.mean_m / pixels[own.axis]
@@ -272,7 +282,7 @@ def _groups(
     numbers: dict[MeanKey, int] = {}
     groups = np.full(len(detections), -1, dtype=np.intp)
     for i, (detection, witness) in enumerate(zip(detections, choice, strict=True)):
-        key = mean_key(detection.label, witness.axis, priors)
+        key = mean_key(prior_label(detection, priors), witness.axis, priors)
         if key:
             groups[i] = numbers.setdefault(key, len(numbers))
     return groups

@@ -10,6 +10,7 @@ import numpy as np
 
 from imgscale._typing import FloatArray, SizeAxis
 from imgscale.core.segments import Parts
+from imgscale.detection import Detection
 from imgscale.extent import extent_rel_std
 from imgscale.noise import Noise
 from imgscale.object_prior import SIZE_AXES, ObjectPrior, normal_label
@@ -82,6 +83,25 @@ def choose_prior(
         return math.hypot(choice.std_m / choice.mean_m, choice.mean_std_m / choice.mean_m, box)
 
     return min(choices, key=error) if len(choices) > 1 else choices[0]
+
+
+def prior_label(detection: Detection, priors: PriorTable) -> str:
+    """
+    Find the name under which the table knows an object.
+
+    Parameters
+    ----------
+    detection : Detection
+        The object.
+    priors : PriorTable
+        Sizes by label.
+
+    Returns
+    -------
+    str
+        Its label, or the first of its aliases that is known where the label is not.
+    """
+    return next((name for name in detection.names if name in priors), detection.label)
 
 
 def mean_key(label: str, axis: SizeAxis, priors: PriorTable) -> MeanKey | None:

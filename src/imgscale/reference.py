@@ -29,6 +29,8 @@ class Reference:
     ----------
     label : str
         Its label.
+    prior_label : str
+        The name under which the table of priors was asked: its label, or one of its aliases.
     xyxy : tuple of float
         Its box, in pixels.
     foot_xy : tuple of float
@@ -72,6 +74,7 @@ class Reference:
     """
 
     label: str
+    prior_label: str
     xyxy: Box
     foot_xy: tuple[float, float] = attrs.field(eq=_nans_as_none)
     axis: SizeAxis

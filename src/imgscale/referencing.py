@@ -16,7 +16,7 @@ from imgscale.core.solving import Cases, Estimate
 from imgscale.core.witnesses import Sized
 from imgscale.detection import Detection
 from imgscale.observations import Observations
-from imgscale.prior_choice import rows_along
+from imgscale.prior_choice import prior_label, rows_along
 from imgscale.priors import PriorTable
 from imgscale.reference import OUTLIER, Reference
 
@@ -100,11 +100,13 @@ def explain_references(
     references: list[Reference] = []
     for row, detection in enumerate(detections):
         index = place.get(row)
-        kinds = rows_along(detection.label, obs.axis[row], priors)
+        known_as = prior_label(detection, priors)
+        kinds = rows_along(known_as, obs.axis[row], priors)
         likely = 0 if index is None else int(columns["kind"][index])
         references.append(
             Reference(
                 label=detection.label,
+                prior_label=known_as,
                 xyxy=detection.xyxy,
                 axis=obs.axis[row],
                 pixels=float(obs.pixels[row]),

@@ -52,7 +52,9 @@ def reservations(
         Reservations.
     """
     used = [index for index, ref in enumerate(references) if ref.used]
-    labels = {mean_key(references[index].label, obs.axis[index], setting.priors) for index in used}
+    labels = {
+        mean_key(references[index].prior_label, obs.axis[index], setting.priors) for index in used
+    }
     count = len(used)
     if setting.shared:
         labels.update(

@@ -1,0 +1,107 @@
+"""What every converter needs: arrays out of tensors, boxes within the picture, errors by index."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imgscale._checks import four_numbers
+from imgscale._typing import Box, ImageSize
+from imgscale.detection import Detection
+
+
+def as_numpy(values: Any) -> NDArray[Any]:
+    """Turn a tensor of any framework, on any device, or nested lists into an array."""
+    for step in ("detach", "cpu", "numpy"):  # torch's way to an array
+        if hasattr(values, step):
+            values = getattr(values, step)()
+    return np.asarray(values)
+
+
+def clip(xyxy: Box, image_size: ImageSize) -> Box | None:
+    """
+    Cut a box at the picture's border, as detectors draw a little beyond it.
+
+    Parameters
+    ----------
+    xyxy : tuple of float
+        Corners x1, y1, x2, y2 in pixels.
+    image_size : (width, height)
+        Size of the picture in pixels.
+
+    Returns
+    -------
+    tuple of float or None
+        The part inside; None where there is none.
+    """
+    x1, y1, x2, y2 = xyxy
+    width, height = image_size
+    inside = (max(x1, 0.0), max(y1, 0.0), min(x2, float(width)), min(y2, float(height)))
+    return inside if inside[0] < inside[2] and inside[1] < inside[3] else None
+
+
+def make_detection(
+    place: str,
+    label: str,
+    xyxy: Sequence[float] | NDArray[Any],
+    *,
+    image_size: ImageSize | None = None,
+    score: float = 1.0,
+    mask: ArrayLike | None = None,
+    partial: bool = False,
+    track_id: int | str | None = None,
+    aliases: Sequence[str] = (),
+) -> Detection:
+    """
+    Make a detection of one entry of a detector's output.
+
+    Parameters
+    ----------
+    place : str
+        Where the entry stands, for messages: "result[3]".
+    label : str
+        What the object is.
+    xyxy : (4,) sequence of float
+        Its corners in pixels.
+    image_size : (width, height), optional
+        Where known, the box is cut at the picture's border.
+    score, mask, partial, track_id, aliases
+        As for `Detection`.
+
+    Returns
+    -------
+    Detection
+        The detection.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As `Detection` does, naming the place; also for a box wholly outside the picture.
+    """
+    try:
+        box = four_numbers("xyxy", "four numbers (x1, y1, x2, y2)", xyxy)
+        made = Detection(
+            label,
+            box,
+            score=score,
+            mask=mask,
+            partial=partial,
+            track_id=track_id,
+            aliases=aliases,
+        )
+    except (TypeError, ValueError) as error:
+        msg = f"{place}: {error}"
+        raise type(error)(msg) from error
+    if image_size is None:
+        return made
+    inside = clip(box, image_size)
+    if inside is None:
+        msg = (
+            f"{place}: the box must overlap the picture, {image_size[0]} x {image_size[1]} px; got "
+            f"{box}. Is it in pixels of another picture, or of a resized one?"
+        )
+        raise ValueError(msg)
+    return made.with_box(inside)
