@@ -14,10 +14,12 @@ from imgscale.fitted_plane import FittedPlane
 from imgscale.fitting import fit
 from imgscale.flags import Flag
 from imgscale.frame import Frame
+from imgscale.many import Outcome, measure_many
+from imgscale.measurement import Measurement
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.object_prior import ObjectPrior
-from imgscale.pipeline import Measurement, measure
+from imgscale.pipeline import measure
 from imgscale.prediction import predict
 from imgscale.priors import PriorTable
 from imgscale.protocols import DepthSource, Detector
@@ -47,6 +49,7 @@ __all__ = [
     "Noise",
     "ObjectDepths",
     "ObjectPrior",
+    "Outcome",
     "PriorTable",
     "Reference",
     "ScaleModel",
@@ -58,6 +61,7 @@ __all__ = [
     "fit_shared",
     "leave_one_out",
     "measure",
+    "measure_many",
     "predict",
     "suspect",
 ]

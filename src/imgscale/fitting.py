@@ -184,7 +184,8 @@ def observe_references(
         If an argument is of the wrong type.
     """
     usable = check_depth_type(depth)
-    _check_options(usable, priors, ground, camera, method, noise)
+    check_options(priors, ground, camera, method, noise)
+    _check_together(usable, ground, camera, method)
     for other in (camera, ground):
         usable = with_image_size(usable, other.image_size if other else None)
     table = PriorTable.default() if priors is None else priors
@@ -321,15 +322,36 @@ def _plane(found: PlaneEstimate | None, setting: Setting) -> FittedPlane | None:
     )
 
 
-def _check_options(
-    depth: Depth,
+def check_options(
     priors: PriorTable | None,
     ground: GroundPlane | None,
     camera: Camera | None,
     method: str,
     noise: Noise,
 ) -> None:
-    """Raise where an option breaks its law."""
+    """
+    Raise where an option breaks its law, whatever the picture.
+
+    Parameters
+    ----------
+    priors : PriorTable or None
+        As for `fit`.
+    ground : GroundPlane or None
+        As for `fit`.
+    camera : Camera or None
+        As for `fit`.
+    method : str
+        As for `fit`.
+    noise : Noise
+        As for `fit`.
+
+    Raises
+    ------
+    ValueError
+        If the method is unknown.
+    TypeError
+        If an argument is of the wrong type.
+    """
     check_choice("method", method, METHODS)
     if priors is not None:
         check_type("priors", priors, PriorTable, " Wrap rows as PriorTable([...]).")
@@ -338,6 +360,13 @@ def _check_options(
     check_type("noise", noise, Noise)
     if ground is not None:
         check_type("ground", ground, GroundPlane)
+
+
+def _check_together(
+    depth: Depth, ground: GroundPlane | None, camera: Camera | None, method: str
+) -> None:
+    """Raise where options do not go together."""
+    if ground is not None:
         if isinstance(depth, GroundPlane):
             msg = "`ground` must be None where `depth` is the GroundPlane itself; got both."
             raise ValueError(msg)

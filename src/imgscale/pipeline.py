@@ -2,64 +2,34 @@
 
 from __future__ import annotations
 
-from os import PathLike
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from os import PathLike, fspath
+from typing import TYPE_CHECKING
 
-import attrs
-import numpy as np
-from numpy.typing import NDArray
-
-from imgscale._typing import FitMethod, ImageArray, ImageSize, SizeAxis
+from imgscale._typing import FitMethod, ImageSize, SizeAxis
 from imgscale.camera import Camera
-from imgscale.depth import Depth, check_depth_type
-from imgscale.detection import Detection, check_detections
-from imgscale.estimate import SizeEstimate
+from imgscale.depth import Depth, GroundPlane, check_depth_type
+from imgscale.detection import check_detections
 from imgscale.fitting import fit
-from imgscale.model import ScaleModel
+from imgscale.measurement import Measurement
 from imgscale.noise import Noise
+from imgscale.picture import upright_rgb
 from imgscale.prediction import predict
 from imgscale.priors import PriorTable
 from imgscale.protocols import DepthSource, Detector
 
 if TYPE_CHECKING:
-    from PIL.Image import Image as PillowImage
+    from imgscale.picture import Picture
 
-__all__ = ["Measurement", "measure"]
-
-
-@attrs.frozen
-class Measurement:
-    """
-    Everything that came out of one picture.
-
-    Attributes
-    ----------
-    model : ScaleModel
-        Its scale.
-    estimates : tuple of SizeEstimate
-        One per detection.
-    detections : tuple of Detection
-        What the detector saw.
-    depth : DepthMap or ObjectDepths
-        What the depth source gave.
-    image_size : (width, height)
-        Size of the upright picture in pixels.
-    """
-
-    model: ScaleModel
-    estimates: tuple[SizeEstimate, ...]
-    detections: tuple[Detection, ...]
-    depth: Depth = attrs.field(eq=False)
-    image_size: ImageSize
+__all__ = ["measure"]
 
 
 def measure(
-    image: str | PathLike[str] | ImageArray | PillowImage,
+    image: Picture,
     *,
     detector: Detector,
     depth_source: DepthSource,
     priors: PriorTable | None = None,
+    ground: GroundPlane | None = None,
     camera: Camera | None = None,
     method: FitMethod = "posterior",
     noise: Noise = Noise(),  # noqa: B008 - frozen
@@ -77,11 +47,13 @@ def measure(
     detector : Detector
         Gives the detections of an RGB array.
     depth_source : DepthSource
-        Gives the depth of an RGB array.
+        Gives the depth of an RGB array, or the depth and the camera that a network saw.
     priors : PriorTable, optional
         Sizes by label; the shipped table where omitted.
-    camera : Camera, optional
+    ground : GroundPlane, optional
         As for `fit`.
+    camera : Camera, optional
+        As for `fit`. Where omitted, the one that the depth source gives, if it gives one.
     method : str
         As for `fit`.
     noise : Noise
@@ -101,9 +73,11 @@ def measure(
     FitError
         If no detection can be a reference.
     TypeError
-        If `image` is no picture.
+        If `image` is no picture, or `detector` or `depth_source` no function.
     ValueError
         If an argument breaks its law.
+    OSError
+        If the file is missing or no picture.
 
     Examples
     --------
@@ -120,19 +94,17 @@ def measure(
     >>> result.image_size
     (640, 480)
     """
-    pixels = _upright_rgb(image)
+    check_callable("detector", detector, "lambda image: detections")
+    check_callable("depth_source", depth_source, "lambda image: depth")
+    pixels = upright_rgb(image)
+    size = (pixels.shape[1], pixels.shape[0])
     # a copy for each, which it may draw on
     detections = check_detections(detector(pixels.copy()))
-    depth = check_depth_type(depth_source(pixels.copy()))
-    size = (pixels.shape[1], pixels.shape[0])
-    if depth.image_size not in {None, size}:
-        msg = (
-            f"`depth_source` must give depth for the picture, {size[0]} x {size[1]} px; got "
-            f"image_size={depth.image_size}. Pass image_size=(width, height) of the picture to a "
-            "DepthMap of another size."
-        )
-        raise ValueError(msg)
-    model = fit(detections, depth, priors, camera=camera, method=method, noise=noise)
+    seen = depth_source(pixels.copy())
+    depth, own_camera = seen if isinstance(seen, tuple) else (seen, None)
+    _check_depth(depth, size)
+    camera = camera or own_camera
+    model = fit(detections, depth, priors, ground=ground, camera=camera, method=method, noise=noise)
     estimates = predict(model, detections, depth, axis=axis, use_prior=use_prior)
     return Measurement(
         model=model,
@@ -140,34 +112,43 @@ def measure(
         detections=detections,
         depth=depth,
         image_size=size,
+        name=fspath(image) if isinstance(image, (str, PathLike)) else "",
     )
 
 
-def _upright_rgb(image: object) -> ImageArray:
-    """Read a picture as (H, W, 3) uint8 RGB with its orientation applied."""
-    if isinstance(image, np.ndarray):
-        array = cast("NDArray[Any]", image)
-        if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3:
-            msg = (
-                f"`image` must be (H, W, 3) uint8 RGB; got {array.shape} {array.dtype}. Convert it "
-                "first, or pass the file's path."
-            )
-            raise ValueError(msg)
-        return array
-    from PIL import Image, ImageOps  # noqa: PLC0415 - 20 ms that most users do not need
+def check_callable(name: str, value: object, remedy: str) -> None:
+    """
+    Raise unless a value can be called.
 
-    if isinstance(image, (str, PathLike)):
-        with Image.open(Path(cast("str | PathLike[str]", image))) as opened:
-            return _eight_bits(ImageOps.exif_transpose(opened))
-    if isinstance(image, Image.Image):
-        return _eight_bits(ImageOps.exif_transpose(image))
-    msg = f"`image` must be a path, an array or a PIL image; got {type(image).__name__}."
-    raise TypeError(msg)
+    Parameters
+    ----------
+    name : str
+        Its name, for the message.
+    value : object
+        The value.
+    remedy : str
+        How to make a function of what is there already.
+
+    Raises
+    ------
+    TypeError
+        If it cannot be called.
+    """
+    if not callable(value):
+        msg = (
+            f"`{name}` must be a function of the picture; got {type(value).__name__}. Wrap what "
+            f"you have already: {remedy}."
+        )
+        raise TypeError(msg)
 
 
-def _eight_bits(image: PillowImage) -> ImageArray:
-    """Turn a picture into RGB; deeper ones would be clipped."""
-    if image.mode[0] in "IF":
-        msg = f'`image` must have 8 bits per channel; got mode "{image.mode}". Scale it first.'
+def _check_depth(depth: Depth, size: ImageSize) -> None:
+    """Raise where a source gave no depth, or that of another picture."""
+    check_depth_type(depth)
+    if depth.image_size not in {None, size}:
+        msg = (
+            f"`depth_source` must give depth for the picture, {size[0]} x {size[1]} px; got "
+            f"image_size={depth.image_size}. Pass image_size=(width, height) of the picture to a "
+            "DepthMap of another size."
+        )
         raise ValueError(msg)
-    return np.asarray(image.convert("RGB"))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from imgscale._typing import ImageArray
+from imgscale.camera import Camera
 from imgscale.depth import Depth
 from imgscale.detection import Detection
 
@@ -32,9 +33,10 @@ class DepthSource(Protocol):
     Gives the depth of an image.
 
     Called with an image, (H, W, 3) uint8 RGB with its orientation applied, it returns a
-    `DepthMap`, `ObjectDepths` or `GroundPlane`.
+    `DepthMap`, `ObjectDepths` or `GroundPlane`; or a pair of that and the `Camera` that it found
+    out, or None.
     """
 
-    def __call__(self, image: ImageArray, /) -> Depth:
+    def __call__(self, image: ImageArray, /) -> Depth | tuple[Depth, Camera | None]:
         """Give the depth."""
         ...

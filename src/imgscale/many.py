@@ -1,0 +1,242 @@
+"""The whole chain on many pictures: as a stream, past bad files, and to be resumed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from importlib import import_module
+from importlib.util import find_spec
+from os import PathLike, fspath
+from pathlib import PurePath
+from typing import Any, TypedDict, TypeVar, Unpack
+
+import attrs
+
+from imgscale import record as records
+from imgscale._checks import check_choice, check_type
+from imgscale._typing import FitMethod, ImageArray, SizeAxis
+from imgscale.camera import Camera
+from imgscale.depth import Depth, GroundPlane
+from imgscale.detection import Detection
+from imgscale.fitting import check_options
+from imgscale.measurement import Measurement
+from imgscale.noise import Noise
+from imgscale.object_prior import SIZE_AXES
+from imgscale.pipeline import check_callable, measure
+from imgscale.priors import PriorTable
+from imgscale.protocols import DepthSource, Detector
+
+__all__ = ["Outcome", "measure_many"]
+
+S = TypeVar("S")
+T = TypeVar("T")
+
+
+class MeasureOptions(TypedDict, total=False):
+    """The keyword arguments of `measure` that `measure_many` passes on."""
+
+    priors: PriorTable | None
+    ground: GroundPlane | None
+    camera: Camera | None
+    method: FitMethod
+    noise: Noise
+    axis: SizeAxis
+    use_prior: bool
+
+
+@attrs.frozen(kw_only=True)
+class Outcome:
+    """
+    What became of one picture: a measurement, or the error that prevented it.
+
+    Attributes
+    ----------
+    path : str
+        The picture.
+    measurement : Measurement or None
+        What was measured; None where it failed.
+    error : Exception or None
+        Why it failed; None where it did not.
+    """
+
+    path: str
+    measurement: Measurement | None = None
+    error: Exception | None = attrs.field(default=None, eq=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """
+        Turn the outcome into built-in types that `json` writes.
+
+        Returns
+        -------
+        dict
+            ``path``, and either ``error`` (``type`` and ``message``) or ``k``, ``k_std``,
+            ``shift``, ``kind``, ``flags`` and ``objects`` (what `Measurement.table` gives).
+        """
+        if self.measurement is None:
+            name, message = type(self.error).__name__, str(self.error)
+            return {"path": self.path, "error": {"type": name, "message": message}}
+        model = self.measurement.model.to_dict()
+        kept = {name: model[name] for name in ("k", "k_std", "shift", "kind", "flags")}
+        return {"path": self.path, **kept, "objects": self.measurement.table()}
+
+
+def measure_many(
+    paths: Iterable[str | PathLike[str]],
+    *,
+    detector: Detector | Mapping[str, Sequence[Detection]],
+    depth_source: DepthSource | Mapping[str, Depth],
+    record: str | PathLike[str] | None = None,
+    progress: bool = True,
+    **options: Unpack[MeasureOptions],
+) -> Iterator[Outcome]:
+    """
+    Size everything in many pictures, one after the other.
+
+    Parameters
+    ----------
+    paths : iterable of path
+        The pictures.
+    detector : Detector or mapping of str to sequence of Detection
+        Gives the detections of an RGB array; or detections made before, by picture, as
+        `imgscale.detectors.read_coco` and its like give them. A picture is looked up under its
+        path, then under ever shorter ends of it, down to the file's name.
+    depth_source : DepthSource or mapping of str to depth
+        Gives the depth of an RGB array; or depths by picture, looked up in the same way.
+    record : path, optional
+        A file to which the results are appended as JSON lines, one per picture as soon as it is
+        done, after a first line with the options. Where it exists, pictures that it holds are
+        skipped, and those that failed are tried again.
+    progress : bool
+        Show a progress bar on standard error where `tqdm` is installed and that is a terminal.
+    **options
+        As for `measure`: ``priors``, ``ground``, ``camera``, ``method``, ``noise``, ``axis``,
+        ``use_prior``.
+
+    Returns
+    -------
+    iterator of Outcome
+        One per picture that is not in the record yet, in the order of the paths. A picture that
+        fails gives an outcome with its error, and the next one follows.
+
+    Raises
+    ------
+    TypeError
+        If an argument is of the wrong type.
+    ValueError
+        If an option breaks its law, or the record was made with other options or is no record.
+
+    Examples
+    --------
+    >>> import imgscale as ims
+    >>> for outcome in ims.measure_many(
+    ...     ["missing.jpg"],
+    ...     detector=lambda image: [],
+    ...     depth_source=lambda image: ims.GroundPlane(image_size=image.shape[1::-1]),
+    ... ):
+    ...     print(outcome.path, type(outcome.error).__name__)
+    missing.jpg FileNotFoundError
+    """
+    if isinstance(paths, (str, PathLike)):
+        msg = f"`paths` must be a sequence of paths; got {paths!r} alone. Put it in a list."
+        raise TypeError(msg)
+    _check(detector, depth_source, options)
+    done: frozenset[str] = frozenset()
+    if record is not None:
+        done = records.resume(record, _plain(options))
+    return _outcomes(paths, done, detector, depth_source, record, options, progress=progress)
+
+
+def _outcomes(
+    paths: Iterable[str | PathLike[str]],
+    done: frozenset[str],
+    detector: Detector | Mapping[str, Sequence[Detection]],
+    depth_source: DepthSource | Mapping[str, Depth],
+    record: str | PathLike[str] | None,
+    options: MeasureOptions,
+    *,
+    progress: bool,
+) -> Iterator[Outcome]:
+    for path in _with_progress(paths) if progress else paths:
+        name = fspath(path)
+        if name in done:
+            continue
+        try:
+            found = measure(
+                path,
+                detector=_for_picture(detector, "detector", name),
+                depth_source=_for_picture(depth_source, "depth_source", name),
+                **options,
+            )
+            outcome = Outcome(path=name, measurement=found)
+        except Exception as error:  # noqa: BLE001 - whatever one picture raises, the next follows
+            outcome = Outcome(path=name, error=error)
+        if record is not None:
+            records.append(record, outcome.to_dict())
+        yield outcome
+
+
+def _check(detector: object, depth_source: object, options: MeasureOptions) -> None:
+    """Raise what every picture would raise before the first is read."""
+    for name, source in (("detector", detector), ("depth_source", depth_source)):
+        if not isinstance(source, Mapping):
+            check_callable(name, source, "a mapping from paths, or a function of the picture")
+    unknown = options.keys() - MeasureOptions.__annotations__.keys()
+    if unknown:
+        msg = f"`options` must be those of `measure`; got {', '.join(sorted(unknown))}."
+        raise TypeError(msg)
+    check_options(
+        options.get("priors"),
+        options.get("ground"),
+        options.get("camera"),
+        options.get("method", "posterior"),
+        options.get("noise", Noise()),
+    )
+    check_choice("axis", options.get("axis", "height"), SIZE_AXES)
+    check_type("use_prior", options.get("use_prior", False), bool)
+
+
+def _plain(options: MeasureOptions) -> dict[str, Any]:
+    """Write the options down so that another run can be compared with them."""
+    values: dict[str, Any] = {"method": "posterior", "axis": "height", "use_prior": False}
+    values |= options
+    table: PriorTable | None = values.pop("priors", None)
+    values["priors"] = [attrs.asdict(row) for row in table or PriorTable.default()]
+    for name in ("camera", "ground", "noise"):
+        value = values.get(name, Noise() if name == "noise" else None)
+        values[name] = None if value is None else attrs.asdict(value)
+    return values
+
+
+def _for_picture(
+    source: Callable[[ImageArray], S] | Mapping[str, T], name: str, path: str
+) -> Callable[[ImageArray], S | T]:
+    """Turn a mapping into a function of the picture; a function is one."""
+    if callable(source):
+        return source
+    found = _looked_up(source, name, path)
+
+    def known(_: ImageArray) -> T:
+        return found
+
+    return known
+
+
+def _looked_up(source: Mapping[str, T], name: str, path: str) -> T:
+    """Find what belongs to a picture under its path, or under ever shorter ends of it."""
+    parts = PurePath(path).parts
+    for key in (path, *("/".join(parts[start:]) for start in range(len(parts)))):
+        if key in source:
+            return source[key]
+    some = ", ".join(f'"{key}"' for key in list(source)[:3]) or "nothing"
+    msg = f"`{name}` must hold the picture {path}, or its file name; got {some}..."
+    raise LookupError(msg)
+
+
+def _with_progress(paths: Iterable[T]) -> Iterable[T]:
+    """Show how far it is, where there is something to show it with."""
+    if not find_spec("tqdm"):
+        return paths
+    total = len(paths) if isinstance(paths, Sized) else None
+    tqdm: Any = import_module("tqdm.auto")
+    bar: Iterable[T] = tqdm.tqdm(paths, total=total, unit="picture", disable=None)
+    return bar

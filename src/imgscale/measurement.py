@@ -1,0 +1,154 @@
+"""Everything that came out of one picture, and its rows for tables and files."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeAlias
+
+import attrs
+
+from imgscale._checks import check_choice
+from imgscale._format import text_table
+from imgscale._typing import ImageSize
+from imgscale.depth import Depth
+from imgscale.detection import Detection
+from imgscale.estimate import SizeEstimate
+from imgscale.flags import flag_names
+from imgscale.model import ScaleModel
+
+__all__ = ["Measurement"]
+
+Row: TypeAlias = dict[str, Any]
+
+_PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254, "ft": 1 / 0.3048}
+
+
+@attrs.frozen(kw_only=True)
+class Measurement:
+    """
+    Everything that came out of one picture.
+
+    Attributes
+    ----------
+    model : ScaleModel
+        Its scale.
+    estimates : tuple of SizeEstimate
+        One per detection.
+    detections : tuple of Detection
+        What the detector saw.
+    depth : DepthMap, ObjectDepths or GroundPlane
+        What the depth source gave.
+    image_size : (width, height)
+        Size of the upright picture in pixels.
+    name : str
+        The picture's path; empty where it came as an array.
+    """
+
+    model: ScaleModel
+    estimates: tuple[SizeEstimate, ...]
+    detections: tuple[Detection, ...]
+    depth: Depth = attrs.field(eq=False)
+    image_size: ImageSize
+    name: str = ""
+
+    def table(self, *, unit: str = "m", level: float = 0.9) -> list[Row]:
+        """
+        List what is known of every object, ready for a data frame or a CSV file.
+
+        Parameters
+        ----------
+        unit : str
+            Unit of the sizes: "m", "cm", "mm", "in" or "ft".
+        level : float
+            Probability that the interval holds the size, above 0 and below 1.
+
+        Returns
+        -------
+        list of dict
+            One row per detection, in their order. ``label``; ``axis``; ``size_<unit>`` with
+            ``low_<unit>`` and ``high_<unit>``; ``distance_m``, the z-depth in metres; ``x1``,
+            ``y1``, ``x2``, ``y2`` in pixels; ``score``; ``track_id``; ``flags``, words with spaces
+            between. None where a number is not known.
+
+        Raises
+        ------
+        ValueError
+            If the unit is unknown or the level no probability.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import imgscale as ims
+        >>> door = ims.Detection("door", (100, 50, 180, 250))
+        >>> result = ims.measure(
+        ...     np.zeros((480, 640, 3), dtype=np.uint8),
+        ...     detector=lambda image: [door, ims.Detection("box", (300, 200, 330, 250))],
+        ...     depth_source=lambda image: ims.DepthMap([[4.0]], kind="relative",
+        ...                                             image_size=(640, 480)),
+        ...     priors=ims.PriorTable([ims.ObjectPrior("door", 2.0, 0.02)]),
+        ...     noise=ims.Noise(depth_rel=0.01),
+        ... )
+        >>> row = result.table(unit="cm")[1]
+        >>> row["label"], round(row["size_cm"]), round(row["low_cm"]), round(row["high_cm"])
+        ('box', 50, 47, 52)
+        """
+        check_choice("unit", unit, tuple(_PER_METRE))
+        return [
+            self._row(estimate, detection, unit, level)
+            for estimate, detection in zip(self.estimates, self.detections, strict=True)
+        ]
+
+    def _row(self, estimate: SizeEstimate, detection: Detection, unit: str, level: float) -> Row:
+        low, high = estimate.interval(level)
+        sizes = {"size": estimate.size_m, "low": low, "high": high}
+        return {
+            "label": estimate.label,
+            "axis": estimate.axis,
+            **{f"{name}_{unit}": _known(size * _PER_METRE[unit]) for name, size in sizes.items()},
+            "distance_m": _known(estimate.distance_m),
+            **dict(zip(("x1", "y1", "x2", "y2"), detection.xyxy, strict=True)),
+            "score": detection.score,
+            "track_id": detection.track_id,
+            "flags": " ".join(flag_names(estimate.flags)),
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """
+        Turn the measurement into built-in types that `json` writes.
+
+        Returns
+        -------
+        dict
+            ``name``, ``image_size``, ``model`` (what `ScaleModel.to_dict` gives, with priors,
+            options and every reference) and ``objects`` (what `table` gives). Masks and the depth
+            map are left out.
+        """
+        return {
+            "name": self.name,
+            "image_size": list(self.image_size),
+            "model": self.model.to_dict(),
+            "objects": self.table(),
+        }
+
+    def __str__(self) -> str:
+        header = ("object", "size m", "90 % interval", "distance m", "")
+        rows = [
+            (
+                row["label"],
+                _text(row["size_m"], ".3g"),
+                f"{_text(row['low_m'], '.3g')} to {_text(row['high_m'], '.3g')}",
+                _text(row["distance_m"], ".3g"),
+                row["flags"],
+            )
+            for row in self.table()
+        ]
+        return f"{self.model}\n{text_table(header, rows)}"
+
+
+def _known(value: float | None) -> float | None:
+    """Files have None for what is not known."""
+    return None if value is None or not math.isfinite(value) else value
+
+
+def _text(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)

@@ -1,0 +1,102 @@
+"""A record of a long run: JSON lines, one per picture, under a first line with the options."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+from pathlib import Path
+from typing import Any, cast
+
+__all__ = ["append", "resume"]
+
+_SCHEMA = 1
+
+
+def resume(path: str | PathLike[str], options: dict[str, Any]) -> frozenset[str]:
+    """
+    Begin a record, or find out what one holds already.
+
+    A last line without an end, as a killed run leaves it, is cut off: that picture is done again.
+
+    Parameters
+    ----------
+    path : path
+        The record; made where it is missing or empty.
+    options : dict
+        What the results hang on, in types that `json` writes.
+
+    Returns
+    -------
+    frozenset of str
+        Pictures that were measured; those that failed are not among them.
+
+    Raises
+    ------
+    ValueError
+        If the file is no record, or was made with other options.
+    """
+    file = Path(path)
+    header = json.loads(json.dumps({"imgscale": _SCHEMA, "options": options}))
+    text = file.read_bytes() if file.exists() else b""
+    whole = text[: text.rfind(b"\n") + 1]
+    if not whole:
+        if text and not text.startswith(b'{"imgscale"'):
+            raise ValueError(_no_record(file, 1))
+        file.write_text(json.dumps(header) + "\n", encoding="utf-8")
+        return frozenset()
+    lines = [_parsed(file, number, line) for number, line in enumerate(whole.splitlines(), 1)]
+    _check_header(file, lines[0], header)
+    if len(whole) < len(text):
+        with file.open("r+b") as opened:
+            opened.truncate(len(whole))
+    nameless = [number for number, line in enumerate(lines[1:], 2) if "path" not in line]
+    if nameless:
+        raise ValueError(_no_record(file, nameless[0]))
+    return frozenset(str(line["path"]) for line in lines[1:] if "error" not in line)
+
+
+def append(path: str | PathLike[str], row: dict[str, Any]) -> None:
+    """
+    Write one line, and let go of the file, so that nothing is lost where the run ends early.
+
+    Parameters
+    ----------
+    path : path
+        The record.
+    row : dict
+        What to write, in types that `json` writes.
+    """
+    with Path(path).open("a", encoding="utf-8") as opened:
+        opened.write(json.dumps(row) + "\n")
+
+
+def _parsed(file: Path, number: int, line: bytes) -> dict[str, Any]:
+    try:
+        row = json.loads(line)
+    except ValueError as error:
+        raise ValueError(_no_record(file, number)) from error
+    if not isinstance(row, dict):
+        raise ValueError(_no_record(file, number))  # noqa: TRY004 - a file's content
+    return cast("dict[str, Any]", row)
+
+
+def _check_header(file: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:
+    if found.get("imgscale") != _SCHEMA or not isinstance(found.get("options"), dict):
+        raise ValueError(_no_record(file, 1))
+    theirs, ours = found["options"], wanted["options"]
+    differing = sorted(
+        name for name in theirs.keys() | ours.keys() if theirs.get(name) != ours.get(name)
+    )
+    if differing:
+        msg = (
+            f"`record` must have been made with the same options; {file} was made with other "
+            f"{', '.join(differing)}. Give another file, or the options of that run."
+        )
+        raise ValueError(msg)
+
+
+def _no_record(file: Path, number: int) -> str:
+    return (
+        f"`record` must be a file that `measure_many` wrote; {file} is not, see line {number}. "
+        "Give another file."
+    )
