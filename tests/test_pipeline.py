@@ -1,9 +1,11 @@
 """The whole chain on one picture: what detectors see, what comes back, and what is refused."""
 
+import json
+
 import attrs
 import numpy as np
 import pytest
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, ImageOps
 
 import imgscale as ims
 
@@ -122,9 +124,46 @@ def test_exif_orientation_is_applied_exactly_once(tmp_path, orientation, opened)
     assert red_corner(seen) == FIRST_PIXEL[orientation]
 
 
-def test_a_pil_image_already_turned_is_not_turned_again(tmp_path):
-    from PIL import ImageOps  # noqa: PLC0415 - here alone
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_detector_that_applies_the_orientation_itself_finds_nothing_left_to_turn(
+    tmp_path, orientation
+):
+    path = with_orientation(tmp_path / "photo.jpg", orientation)
+    shown = []
 
+    def careful(image):
+        opened = ImageOps.exif_transpose(Image.fromarray(image))
+        shown.append(np.asarray(opened))
+        return [DOOR]
+
+    result = measure(path, detector=careful, depth_source=flat)
+    assert red_corner(shown[0]) == FIRST_PIXEL[orientation]
+    assert result.image_size == shown[0].shape[1::-1]
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_depth_source_may_bring_the_camera_it_found_out(told):
+    own = ims.Camera(300.0, focal_rel_std=0.1)
+    given = ims.Camera(500.0, focal_rel_std=0.0)
+    depth = ims.ObjectDepths([4.0, 5.0], kind="metric")
+    result = measure(picture(), depth_source=lambda _: (depth, own), camera=given if told else None)
+    assert result.model.camera.focal_px == (500.0 if told else 300.0)
+    assert result.depth is depth
+
+
+def test_a_source_may_say_that_it_found_no_camera():
+    depth = ims.ObjectDepths([4.0, 5.0], kind="metric")
+    assert measure(picture(), depth_source=lambda _: (depth, None)).model.camera is None
+
+
+def test_what_is_there_already_is_no_detector_and_the_remedy_is_named():
+    with pytest.raises(TypeError, match=r"`detector` must be a function .*lambda image: detections"):
+        measure(picture(), detector=[DOOR])
+    with pytest.raises(TypeError, match=r"`depth_source` must be a function .*lambda image: depth"):
+        measure(picture(), depth_source=flat(picture()))
+
+
+def test_a_pil_image_already_turned_is_not_turned_again(tmp_path):
     detector = Recorder(DOOR)
     with Image.open(with_orientation(tmp_path / "photo.jpg", 6)) as image:
         upright = ImageOps.exif_transpose(image)
@@ -334,3 +373,47 @@ def test_boxes_beyond_the_picture_are_refused_with_the_remedy():
 def test_unknown_words_are_refused(option, value):
     with pytest.raises(ValueError, match=f"`{option}` must be one of .*; got '{value}'"):
         measure(picture(), **{option: value})
+
+
+# --- what is handed on ---
+
+
+def test_the_table_has_a_row_per_detection_in_any_unit():
+    result = measure(picture())
+    metres, feet = result.table(), result.table(unit="ft", level=0.5)
+    assert [row["label"] for row in metres] == ["door", "statue"]
+    for row, other, size in zip(metres, feet, result.estimates, strict=True):
+        assert row["size_m"] == size.size_m
+        assert (row["low_m"], row["high_m"]) == size.interval(0.9)
+        assert other["size_ft"] == pytest.approx(size.size_m / 0.3048, rel=1e-12)
+        assert other["low_ft"] == pytest.approx(size.interval(0.5)[0] / 0.3048, rel=1e-12)
+    assert metres[0]["flags"].split() == ["REFERENCE", *metres[0]["flags"].split()[1:]]
+    assert [metres[1][name] for name in ("x1", "y1", "x2", "y2")] == [60, 20, 90, 70]
+
+
+def test_what_is_not_known_is_none_in_the_table_and_a_dash_in_print():
+    source = ims.ObjectDepths([4.0, np.nan], kind="relative")
+    result = measure(picture(), depth_source=lambda _: source)
+    row = result.table()[1]
+    assert (row["size_m"], row["low_m"], row["distance_m"]) == (None, None, None)
+    assert str(result).splitlines()[-1].split() == ["statue", "-", "-", "to", "-", "-", "NO_DEPTH"]
+
+
+def test_an_unknown_unit_is_refused():
+    with pytest.raises(ValueError, match=r"`unit` must be one of .*; got 'yard'"):
+        measure(picture()).table(unit="yard")
+
+
+def test_the_record_of_a_measurement_is_plain_json_and_rebuilds_its_model(tmp_path):
+    path = tmp_path / "photo.png"
+    Image.fromarray(picture()).save(path)
+    result = measure(path)
+    record = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert record["name"] == str(path)
+    assert record["image_size"] == [120, 80]
+    assert record["objects"] == result.table()
+    assert ims.ScaleModel.from_dict(record["model"]) == result.model
+
+
+def test_an_array_has_no_name():
+    assert measure(picture()).name == ""

@@ -367,3 +367,48 @@ def test_a_telephoto_is_no_reservation_where_depth_is_not_metric():
         [box("pole", 240.0)], ims.ObjectDepths([5.0], kind="relative"), POLE, camera=camera
     )
     assert model.flags == Flag.SINGLE_REFERENCE
+
+
+# --- inputs of another picture, another unit, another corner ---
+
+
+WIDE = (640, 480)
+FLAT = ims.DepthMap([[4.0]], kind="relative", image_size=WIDE)
+
+
+def test_ratios_given_as_pixels_are_refused_with_the_remedy():
+    doors = [ims.Detection("door", (0.1, 0.2, 0.3, 0.8)), ims.Detection("door", (0.5, 0, 0.6, 1))]
+    for depth in (FLAT, ims.ObjectDepths([4.0, 4.0], kind="relative")):
+        with pytest.raises(ValueError, match=r"must be in pixels; got .*Detection.from_ratios"):
+            ims.fit(doors, depth)
+
+
+def test_boxes_of_a_picture_that_was_turned_are_named_as_such():
+    doors = [ims.Detection("door", (10, 500, 100, 630)), ims.Detection("door", (9, 0, 60, 90))]
+    with pytest.raises(ValueError, match="fit the image turned by 90 degrees: apply its EXIF"):
+        ims.fit(doors, FLAT)
+
+
+def test_corners_given_as_width_and_height_are_named_as_such():
+    doors = [
+        ims.Detection.from_xywh("door", (300, 200, 420, 460)),
+        ims.Detection.from_xywh("door", (10, 20, 100, 220)),
+    ]
+    with pytest.raises(ValueError, match=r"corners go through Detection\(\), not"):
+        ims.fit(doors, FLAT)
+
+
+def test_boxes_of_a_larger_picture_name_the_image_size_as_the_remedy():
+    with pytest.raises(ValueError, match=r"a larger image \(1900 x 800 or more\).*image_size"):
+        ims.fit([ims.Detection("door", (1500, 700, 1900, 800))], FLAT)
+
+
+@pytest.mark.parametrize("shape", [(640, 480), (320, 240), (513, 380)])
+def test_a_map_that_lies_on_its_side_is_refused(shape):
+    with pytest.raises(ValueError, match=r"map's|lies on its side"):
+        ims.DepthMap(np.ones(shape), kind="relative", image_size=WIDE)
+
+
+@pytest.mark.parametrize("shape", [(518, 518), (240, 320), (1, 1), (384, 672), (600, 480)])
+def test_a_map_that_a_network_stretched_is_accepted(shape):
+    assert ims.DepthMap(np.ones(shape), kind="relative", image_size=WIDE).image_size == WIDE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, cast
 
 import attrs
@@ -12,6 +13,7 @@ from imgscale._checks import as_array, check_choice
 from imgscale._typing import AnyFloatArray, BoolArray, DepthKind, ImageSize
 
 VALUE_KINDS: tuple[DepthKind, ...] = ("metric", "relative", "inverse", "affine_inverse")
+_SAME_SHAPE = 0.05  # two shapes are each other's turned by 90 degrees to 5 %
 METRIC_SCALES = "KITTI 256, millimetres 1000, TUM 5000"
 
 
@@ -59,11 +61,24 @@ def as_given(values: ArrayLike) -> NDArray[Any]:
 
 
 def check_not_transposed(image_size: ImageSize | None, shape: tuple[int, ...]) -> None:
-    """Raise where a map's (height, width) was given as (width, height)."""
-    if image_size is not None and image_size == shape and shape[0] != shape[1]:
+    """Raise where a map's (height, width) was given as (width, height), or it lies on its side."""
+    if image_size is None or shape[0] == shape[1]:
+        return
+    if image_size == shape:
         msg = (
             f"`image_size` must be (width, height); got {image_size}, which is the map's (height, "
             f"width). Pass {image_size[::-1]}."
+        )
+        raise ValueError(msg)
+    turned = (image_size[0] > image_size[1]) != (shape[1] > shape[0])
+    if (
+        turned
+        and abs(math.log(image_size[0] * shape[1] / (image_size[1] * shape[0]))) < _SAME_SHAPE
+    ):
+        msg = (
+            f"`values` must be as upright as the image, {image_size[0]} x {image_size[1]}; got a "
+            f"map of {shape[1]} x {shape[0]}, which lies on its side. Apply the EXIF orientation "
+            "to the picture before its depth is made, or give `image_size` as (width, height)."
         )
         raise ValueError(msg)
 

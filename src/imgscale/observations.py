@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from imgscale._typing import BoolArray, FloatArray, IntArray, SizeAxis
+from imgscale._typing import BoolArray, FloatArray, ImageSize, IntArray, SizeAxis
 from imgscale.core.segments import Parts
 from imgscale.depth import Depth, GroundPlane, ObjectDepths, check_depth_type
 from imgscale.detection import Detection
@@ -217,6 +217,12 @@ def _boxes(detections: Sequence[Detection]) -> FloatArray:
 
 
 def _check_in_image(boxes: FloatArray, depth: Depth) -> None:
+    if boxes.size and boxes.min() >= 0 and boxes.max() <= 1:
+        msg = (
+            f"`xyxy` must be in pixels; got {tuple(boxes[0].tolist())} and the like, all in the "
+            "first pixel. Ratios of the image's size go through Detection.from_ratios()."
+        )
+        raise ValueError(msg)
     if depth.image_size is None or not boxes.size:
         return
     beyond = np.flatnonzero(outside_image(boxes, depth.image_size))
@@ -225,11 +231,32 @@ def _check_in_image(boxes: FloatArray, depth: Depth) -> None:
         width, height = depth.image_size
         msg = (
             f"`xyxy` must lie in the image, {width} x {height} px; got "
-            f"{tuple(boxes[index].tolist())} at index {index}. If the boxes belong to an image of "
-            "another size than the depth map, pass its image_size=(width, height) to the depth; "
-            "clip boxes that a detector drew beyond the border."
+            f"{tuple(boxes[index].tolist())} at index {index}. {_remedy(boxes, depth.image_size)}"
         )
         raise ValueError(msg)
+
+
+def _remedy(boxes: FloatArray, image_size: ImageSize) -> str:
+    """Say what boxes beyond the image look like."""
+    largest = (float(boxes[:, 2].max()), float(boxes[:, 3].max()))
+    if not outside_image(boxes, image_size[::-1]).any():
+        return (
+            "All boxes fit the image turned by 90 degrees: apply its EXIF orientation once, before "
+            "detector and depth."
+        )
+    as_corners = np.column_stack([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]])
+    if (as_corners[:, :2] < as_corners[:, 2:]).all() and not outside_image(
+        as_corners, image_size
+    ).any():
+        return (
+            "They would fit if what was given as width and height were the right lower corner: "
+            "corners go through Detection(), not Detection.from_xywh()."
+        )
+    return (
+        f"If the boxes belong to a larger image ({largest[0]:.0f} x {largest[1]:.0f} or more) than "
+        "the depth map, pass its image_size=(width, height) to the depth; clip boxes that a "
+        "detector drew beyond the border: Detection.with_box()."
+    )
 
 
 def _check_masks(detections: Sequence[Detection], depth: Depth) -> None:
