@@ -157,7 +157,7 @@ def test_a_source_may_say_that_it_found_no_camera():
 
 
 def test_what_is_there_already_is_no_detector_and_the_remedy_is_named():
-    with pytest.raises(TypeError, match=r"`detector` must be a function .*lambda image: detections"):
+    with pytest.raises(TypeError, match=r"`detector` must be a function .*: detections"):
         measure(picture(), detector=[DOOR])
     with pytest.raises(TypeError, match=r"`depth_source` must be a function .*lambda image: depth"):
         measure(picture(), depth_source=flat(picture()))
