@@ -305,3 +305,51 @@ def test_box_noise_may_be_zero_but_not_none(name):
     assert getattr(Noise(**{name: 0}), name) == 0.0
     with pytest.raises(TypeError, match=f"`{name}` must be .*; got None"):
         Noise(**{name: None})
+
+
+# --- intrinsics as networks give them ---
+
+
+@pytest.mark.parametrize("of_size", [(1, 1), (504, 378), (1920, 1440), None])
+def test_a_matrix_of_any_picture_size_gives_the_pixels_of_the_photo(of_size):
+    size = (960, 720)
+    width, height = of_size or size
+    matrix = np.array(
+        [[800 / 960 * width, 0, width / 2], [0, 800 / 720 * height, height / 3], [0, 0, 1]]
+    )
+    camera = Camera.from_matrix(matrix, focal_rel_std=0.2, image_size=size, of_size=of_size)
+    assert (camera.focal_px, camera.cx, camera.cy) == pytest.approx((800, 480, 240), rel=1e-12)
+    assert (camera.focal_rel_std, camera.image_size) == (0.2, size)
+
+
+def test_the_focal_length_of_a_matrix_is_the_vertical_one():
+    matrix = [[790.0, 0, 480], [0, 800.0, 360], [0, 0, 1]]
+    assert Camera.from_matrix(matrix, focal_rel_std=0.0, image_size=(960, 720)).focal_px == 800.0
+
+
+def test_a_matrix_of_a_stretched_picture_needs_to_be_told_so():
+    matrix = [[420.0, 0, 252], [0, 420.0, 252], [0, 0, 1]]  # of a square network input
+    with pytest.raises(ValueError, match=r"fx and fy alike .* as `of_size`"):
+        Camera.from_matrix(matrix, focal_rel_std=0.1, image_size=(960, 720), of_size=(504, 504))
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        np.eye(4),
+        [[800, 0, 480], [0, 800, 360]],
+        [[800, 0, 480], [3, 800, 360], [0, 0, 1]],
+        [[800, 0, 0], [0, 800, 0], [480, 360, 1]],
+        [[800, 0, 480], [0, 800, 360], [0, 0, 2]],
+    ],
+)
+def test_what_is_no_matrix_of_intrinsics_is_refused(matrix):
+    with pytest.raises(ValueError, match=r"`matrix` must"):
+        Camera.from_matrix(matrix, focal_rel_std=0.1, image_size=(960, 720))
+
+
+@pytest.mark.parametrize("focal", [0.0, -5.0, math.nan, math.inf])
+def test_a_matrix_without_a_focal_length_is_refused(focal):
+    matrix = [[focal, 0, 480], [0, focal, 360], [0, 0, 1]]
+    with pytest.raises(ValueError, match="`focal_px` must be finite and positive"):
+        Camera.from_matrix(matrix, focal_rel_std=0.1, image_size=(960, 720))

@@ -766,3 +766,14 @@ def test_frame_refuses_raw_depths(depth):
     law = "`depth` must be a DepthMap, ObjectDepths or GroundPlane.*; got "
     with pytest.raises(TypeError, match=law + type(depth).__name__):
         Frame([Detection("car", (0, 0, 9, 9))], depth)
+
+
+def test_ray_distances_up_to_a_factor_stay_relative_and_carry_their_scale_error():
+    camera = Camera(500.0, focal_rel_std=0.0, cx=4.0, cy=3.0)
+    distance = np.linspace(2.0, 3.0, 48).reshape(6, 8)
+    metric = DepthMap.from_ray_distance(distance, camera, scale_rel_std=0.15)
+    relative = DepthMap.from_ray_distance(7 * distance, camera, kind="relative")
+    assert (metric.kind, metric.scale_rel_std, relative.kind) == ("metric", 0.15, "relative")
+    assert relative.values == pytest.approx(7 * metric.values, rel=1e-12)
+    with pytest.raises(ValueError, match="`kind` must be one of"):
+        DepthMap.from_ray_distance(distance, camera, kind="inverse")

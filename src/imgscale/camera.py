@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from os import PathLike
 
 import attrs
+import numpy as np
+from numpy.typing import ArrayLike
 
 from imgscale._checks import (
     as_float,
     as_image_size,
+    as_known_image_size,
     as_optional_float,
     finite,
     non_negative,
+    own_floats,
     positive,
 )
 from imgscale._typing import ImageSize
@@ -23,6 +28,7 @@ __all__ = ["Camera"]
 # use the width: on a 4:3 picture the two differ by 4 %.
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _EQUIVALENT_REL_STD = 0.04
+_LARGEST_STRETCH = 0.05  # networks guess fx and fy apart, up to some per cent
 
 
 @attrs.frozen
@@ -117,6 +123,73 @@ class Camera:
                 "picture's principal point moves."
             )
             raise ValueError(msg)
+
+    @classmethod
+    def from_matrix(
+        cls,
+        matrix: ArrayLike,
+        *,
+        focal_rel_std: float,
+        image_size: Sequence[int],
+        of_size: Sequence[int] | None = None,
+    ) -> Camera:
+        """
+        Read the focal length and principal point out of a matrix of intrinsics.
+
+        Parameters
+        ----------
+        matrix : (3, 3) array_like of float
+            [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], in pixels of a picture of size `of_size`.
+        focal_rel_std : float
+            Relative standard error of the focal length, >= 0.
+        image_size : (width, height)
+            Size in pixels of the picture that is measured.
+        of_size : (width, height), optional
+            Size of the picture that the matrix refers to: a network's input, or (1, 1) where the
+            intrinsics are shares of the picture. `image_size` where omitted.
+
+        Returns
+        -------
+        Camera
+            With fy as its focal length, which heights go with, in pixels of the picture.
+
+        Raises
+        ------
+        ValueError
+            If the matrix is not of that form, or fx and fy differ by more than 5 % in the picture:
+            it was stretched then, or `of_size` is wrong.
+
+        Examples
+        --------
+        A network that gives shares of the picture:
+
+        >>> from imgscale import Camera
+        >>> shares = [[0.9375, 0, 0.5], [0, 1.25, 0.5], [0, 0, 1]]
+        >>> Camera.from_matrix(shares, focal_rel_std=0.1, image_size=(640, 480), of_size=(1, 1))
+        Camera(focal_px=600.0, focal_rel_std=0.1, cx=320.0, cy=240.0, image_size=(640, 480),
+               pitch_deg=0.0, pitch_std_deg=0.0)
+        """
+        rows = own_floats("matrix", matrix, 2, "(3, 3)").astype(np.float64)
+        if rows.shape != (3, 3) or not np.array_equal(
+            rows[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1]
+        ):
+            msg = (
+                "`matrix` must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; got "
+                f"{rows.tolist() if rows.size <= 16 else rows.shape}."
+            )
+            raise ValueError(msg)
+        width, height = as_known_image_size(image_size)
+        of_width, of_height = (width, height) if of_size is None else as_known_image_size(of_size)
+        fx, cx = (float(number) * width / of_width for number in (rows[0, 0], rows[0, 2]))
+        fy, cy = (float(number) * height / of_height for number in (rows[1, 1], rows[1, 2]))
+        camera = cls(fy, focal_rel_std=focal_rel_std, cx=cx, cy=cy, image_size=(width, height))
+        if abs(fx / fy - 1) > _LARGEST_STRETCH:
+            msg = (
+                f"`matrix` must have fx and fy alike in the picture; got {fx:g} and {fy:g} px at "
+                f"{width} x {height}. Give the size that it refers to as `of_size`."
+            )
+            raise ValueError(msg)
+        return camera
 
     @classmethod
     def from_exif(cls, path: str | PathLike[str]) -> Camera:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Sequence
+from typing import Literal
 
 import attrs
 import numpy as np
@@ -14,6 +15,7 @@ from imgscale._checks import (
     array_summary,
     as_float,
     as_image_size,
+    check_choice,
     check_type,
     finite_number,
     non_negative,
@@ -179,22 +181,34 @@ class DepthMap:
         return cls(depth, kind="metric", image_size=image_size)
 
     @classmethod
-    def from_ray_distance(cls, values: ArrayLike, camera: Camera) -> DepthMap:
+    def from_ray_distance(
+        cls,
+        values: ArrayLike,
+        camera: Camera,
+        *,
+        kind: Literal["metric", "relative"] = "metric",
+        scale_rel_std: float = 0.0,
+    ) -> DepthMap:
         """
-        Turn distances along each pixel's ray into metric z-depth.
+        Turn distances along each pixel's ray into z-depth.
 
         Parameters
         ----------
         values : (H, W) array_like of float
-            Euclidean distances from the camera, in metres; missing where not finite or <= 0.
+            Euclidean distances from the camera, in metres or up to a factor; missing where not
+            finite or <= 0.
         camera : Camera
             Focal length and principal point, in pixels of `camera.image_size`, or of the map
             where that is None.
+        kind : str
+            "metric", or "relative" where the distances are known up to a factor.
+        scale_rel_std : float
+            Relative standard error of their scale as a whole, >= 0.
 
         Returns
         -------
         DepthMap
-            Metric depth along the optical axis.
+            Depth along the optical axis.
 
         Raises
         ------
@@ -216,7 +230,9 @@ class DepthMap:
         array([[2., 2.]])
         """
         check_type("camera", camera, Camera)
-        refuse_integers("values", values, "millimetres 1000")
+        check_choice("kind", kind, ("metric", "relative"))
+        if kind == "metric":
+            refuse_integers("values", values, "millimetres 1000")
         distance = own_floats("values", values, 2, "(H, W)").astype(np.float64)
         height, width = distance.shape
         check_not_transposed(camera.image_size, distance.shape)
@@ -227,4 +243,5 @@ class DepthMap:
         y: FloatArray = (np.arange(height, dtype=np.float64) + 0.5) * (size[1] / height)
         tan_x = (x - cx)[np.newaxis, :] / camera.focal_px
         tan_y = (y - cy)[:, np.newaxis] / camera.focal_px
-        return cls(distance / np.sqrt(1 + tan_x**2 + tan_y**2), kind="metric", image_size=size)
+        z = distance / np.sqrt(1 + tan_x**2 + tan_y**2)
+        return cls(z, kind=kind, image_size=size, scale_rel_std=scale_rel_std)
