@@ -131,6 +131,7 @@ class DepthMap:
         baseline_m: float,
         doffs_px: float = 0.0,
         image_size: Sequence[int] | None = None,
+        scale_rel_std: float = 0.0,
     ) -> DepthMap:
         """
         Turn the disparity of a calibrated stereo pair into metric depth.
@@ -147,6 +148,8 @@ class DepthMap:
             Difference of the principal points, x_right - x_left, in pixels (Middlebury's doffs).
         image_size : (width, height), optional
             Size of the image that boxes refer to; the map's own size where omitted.
+        scale_rel_std : float
+            Relative standard error of focal length times baseline, >= 0.
 
         Returns
         -------
@@ -178,7 +181,7 @@ class DepthMap:
             seen = np.isfinite(pixels) & (pixels > 0) & (shifted > 0)
         depth = np.full(pixels.shape, np.nan)
         depth[seen] = focal * baseline / shifted[seen]
-        return cls(depth, kind="metric", image_size=image_size)
+        return cls(depth, kind="metric", image_size=image_size, scale_rel_std=scale_rel_std)
 
     @classmethod
     def from_ray_distance(
