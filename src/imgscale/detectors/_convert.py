@@ -104,4 +104,4 @@ def make_detection(
             f"{box}. Is it in pixels of another picture, or of a resized one?"
         )
         raise ValueError(msg)
-    return made.with_box(inside)
+    return made if inside == box else made.with_box(inside)

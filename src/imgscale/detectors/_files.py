@@ -1,0 +1,126 @@
+"""What files of detections need: errors that name their place, and masks out of polygons."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeGuard, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imgscale._checks import as_known_image_size
+from imgscale._typing import BoolArray, ImageSize
+
+
+@contextmanager
+def within(place: object) -> Generator[None]:
+    """Put the place, a file or an entry, before the message of an error raised inside."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        msg = f"{place}: {error}"
+        raise kind(msg) from error
+
+
+def read_json(path: str | PathLike[str]) -> Any:
+    """Parse a file of JSON; broken grammar or encoding is a ValueError that names the file."""
+    try:
+        return json.loads(Path(path).read_bytes())
+    except (RecursionError, ValueError) as error:
+        msg = f"{path} must hold JSON; got: {error}."
+        raise ValueError(msg) from error
+
+
+def as_table(name: str, value: Any) -> Mapping[str, Any]:
+    """Return a JSON object; raise under its name where it is something else."""
+    if not isinstance(value, Mapping):
+        msg = f"`{name}` must be a mapping (an object in JSON); got {_seen(value)}."
+        raise TypeError(msg)
+    return cast("Mapping[str, Any]", value)
+
+
+def member(entry: Any, name: str) -> Any:
+    """Take one member of a JSON object."""
+    known = as_table("entry", entry)
+    if name not in known:
+        listed = ", ".join(f"`{key}`" for key in known) or "nothing"
+        msg = f"`{name}` must be there; got {listed}."
+        raise ValueError(msg)
+    return known[name]
+
+
+def members(entry: Any, name: str) -> Sequence[Any]:
+    """Take a member that is a list."""
+    return as_list(name, member(entry, name))
+
+
+def as_list(name: str, value: object) -> Sequence[Any]:
+    """Return a list; raise under its name where it is something else."""
+    if not _is_list(value):
+        msg = f"`{name}` must be a list; got {_seen(value)}."
+        raise TypeError(msg)
+    return value
+
+
+def _is_list(value: object) -> TypeGuard[Sequence[Any]]:
+    return isinstance(value, Sequence) and not isinstance(value, (str, bytes))
+
+
+def identity(entry: Any, name: str) -> int | str:
+    """Take a member that names something: a whole number or a string."""
+    value = member(entry, name)
+    if isinstance(value, bool) or not isinstance(value, (int, str)):
+        msg = f"`{name}` must be a whole number or a string; got {_seen(value)}."
+        raise TypeError(msg)
+    return value
+
+
+def told_size(entry: Mapping[str, Any]) -> ImageSize | None:
+    """Take `width` and `height` of a picture; None where they are absent or not positive."""
+    size: tuple[Any, Any] = (entry.get("width"), entry.get("height"))
+    return None if any(map(_is_unknown, size)) else as_known_image_size(size)
+
+
+def _is_unknown(length: Any) -> bool:
+    """Files write 0 or -1 for a size that nobody looked up."""
+    return length is None or (isinstance(length, (int, float)) and length <= 0)
+
+
+def _seen(value: object) -> str:
+    return repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
+
+
+def polygon_mask(points: NDArray[Any], image_size: ImageSize) -> BoolArray:
+    """
+    Fill a polygon, by the even-odd rule.
+
+    Parameters
+    ----------
+    points : (N, 2) ndarray of float
+        Corners x, y in pixels, N at least 3.
+    image_size : (width, height)
+        Size of the picture.
+
+    Returns
+    -------
+    (height, width) ndarray of bool
+        True on the pixels whose centre, half a pixel from their corner, is inside. A centre on
+        the outline counts where the inside lies to its right or below it, so that polygons that
+        share an edge share no pixel.
+    """
+    width, height = image_size
+    ends = np.roll(points, -1, axis=0)
+    centres = np.arange(height) + 0.5
+    edge, row = np.nonzero((points[:, 1:] <= centres) != (ends[:, 1:] <= centres))
+    (x1, y1), (x2, y2) = points[edge].T, ends[edge].T
+    crossing = x1 + (centres[row] - y1) / (y2 - y1) * (x2 - x1)
+    column = np.clip(np.ceil(crossing - 0.5), 0, width).astype(np.intp)
+    flips = np.zeros((height, width + 1), dtype=np.bool_)
+    np.logical_xor.at(flips, (row, column), True)  # noqa: FBT003 - the operand
+    inside: BoolArray = np.logical_xor.accumulate(flips[:, :width], axis=1)
+    return inside
