@@ -4,7 +4,6 @@ import copy
 import json
 import math
 import os
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -177,28 +176,6 @@ def test_a_rectangle_between_pixels_covers_exactly_its_pixels():
     assert car.mask.shape == (480, 640)
     assert {(20, 10), (22, 13)} <= set(zip(*np.nonzero(car.mask), strict=True))
     assert car.mask.sum() == 12
-
-
-@given(
-    cut=st.lists(st.integers(1, 39).map(lambda n: n / 2), min_size=1, max_size=4, unique=True),
-    slope=st.integers(-8, 8),
-)
-def test_polygons_that_share_edges_share_no_pixel_and_leave_none(cut, slope):
-    lines = [0, *sorted(cut), 20]
-    strips = [
-        [a + slope, 0, b + slope, 0, b - slope, 20, a - slope, 20] for a, b in pairwise(lines)
-    ]
-    size = {"width": 20, "height": 20}
-    masks = [
-        only(entry(bbox=[0, 0, 20, 20], segmentation=[s]), masks=True, **size)[0].mask
-        for s in strips
-    ]
-    outer = entry(
-        bbox=[0, 0, 20, 20], segmentation=[[slope, 0, 20 + slope, 0, 20 - slope, 20, -slope, 20]]
-    )
-    whole = only(outer, masks=True, **size)[0].mask
-    together = sum((np.zeros((20, 20), int) if m is None else m.astype(int)) for m in masks)
-    np.testing.assert_array_equal(together, whole.astype(int))
 
 
 def test_several_polygons_are_one_object():

@@ -69,6 +69,12 @@ def non_negative(_: object, attribute: attrs.Attribute[Any], value: float) -> No
         raise number_error(attribute.name, "finite and not negative", value)
 
 
+def share(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
+    """Validate a number from 0 to 1."""
+    if not is_between(value, 0, 1):
+        raise number_error(attribute.name, "between 0 and 1", value)
+
+
 def finite(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
     """Validate a finite number."""
     finite_number(attribute.name, value)

@@ -1,11 +1,10 @@
-"""What every converter needs: arrays out of tensors, boxes within the picture, errors by index."""
+"""What every converter needs: columns of a result, boxes within the picture, errors by place."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imgscale._checks import four_numbers
@@ -13,12 +12,41 @@ from imgscale._typing import Box, ImageSize
 from imgscale.detection import Detection
 
 
-def as_numpy(values: Any) -> NDArray[Any]:
-    """Turn a tensor of any framework, on any device, or nested lists into an array."""
-    for step in ("detach", "cpu", "numpy"):  # torch's way to an array
-        if hasattr(values, step):
-            values = getattr(values, step)()
-    return np.asarray(values)
+def column(results: Mapping[str, Any], name: str, key: str, law: str, remedy: str) -> Any:
+    """
+    Fetch one column of a detector's dict as a list.
+
+    Parameters
+    ----------
+    results : mapping
+        The dict of tensors, arrays or lists.
+    name : str
+        Its name, for the message.
+    key : str
+        The column.
+    law, remedy : str
+        What the dict must have, and what to do where it has not, for the message.
+
+    Returns
+    -------
+    list
+        Its entries.
+
+    Raises
+    ------
+    ValueError
+        If there is no such column.
+    """
+    values: Any = results.get(key)
+    # `tolist` knows every number type, device and gradient
+    listed = values.tolist() if hasattr(values, "tolist") else values
+    if not hasattr(listed, "__len__"):
+        msg = (
+            f'`{name}` must have {law}; got {sorted(results)}, "{key}" being '
+            f"{type(listed).__name__}. {remedy}"
+        )
+        raise ValueError(msg)
+    return listed
 
 
 def clip(xyxy: Box, image_size: ImageSize) -> Box | None:

@@ -9,7 +9,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeGuard, cast
 
-import numpy as np
 from numpy.typing import NDArray
 
 from imgscale._checks import as_known_image_size
@@ -109,18 +108,11 @@ def polygon_mask(points: NDArray[Any], image_size: ImageSize) -> BoolArray:
     Returns
     -------
     (height, width) ndarray of bool
-        True on the pixels whose centre, half a pixel from their corner, is inside. A centre on
-        the outline counts where the inside lies to its right or below it, so that polygons that
-        share an edge share no pixel.
+        True on the pixels whose centre, half a pixel from their corner, is inside.
     """
+    import skimage as ski  # noqa: PLC0415 - loads its parts on use
+
     width, height = image_size
-    ends = np.roll(points, -1, axis=0)
-    centres = np.arange(height) + 0.5
-    edge, row = np.nonzero((points[:, 1:] <= centres) != (ends[:, 1:] <= centres))
-    (x1, y1), (x2, y2) = points[edge].T, ends[edge].T
-    crossing = x1 + (centres[row] - y1) / (y2 - y1) * (x2 - x1)
-    column = np.clip(np.ceil(crossing - 0.5), 0, width).astype(np.intp)
-    flips = np.zeros((height, width + 1), dtype=np.bool_)
-    np.logical_xor.at(flips, (row, column), True)  # noqa: FBT003 - the operand
-    inside: BoolArray = np.logical_xor.accumulate(flips[:, :width], axis=1)
-    return inside
+    draw: Any = ski.draw  # untyped
+    mask: BoolArray = draw.polygon2mask((height, width), points[:, ::-1] - 0.5)
+    return mask

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from imgscale._checks import as_image_size, check_iterable, check_type
 from imgscale._optional import require
+from imgscale._tensors import as_numpy
 from imgscale._typing import BoolArray, FloatArray
 from imgscale.detection import Detection, check_detections
-from imgscale.detectors._convert import as_numpy, make_detection
+from imgscale.detectors._convert import make_detection
 from imgscale.estimate import SizeEstimate
 
 __all__ = ["from_supervision", "to_supervision", "with_sizes"]

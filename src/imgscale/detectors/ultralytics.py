@@ -1,0 +1,196 @@
+"""
+Results of ultralytics models, read by duck typing: the package is never imported.
+
+Conventions there: boxes are float pixels of the picture, x1, y1, x2, y2; class numbers come as
+floats; masks have the size of the network's input, in which the picture stands centred between
+grey bars; pictures as arrays are BGR. Written against 8.4 and its sources, without running it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import attrs
+import numpy as np
+
+from imgscale._checks import as_float, share
+from imgscale._tensors import as_numpy
+from imgscale._typing import BoolArray, ImageArray, IntArray
+from imgscale.detection import Detection
+from imgscale.detectors._convert import make_detection
+
+__all__ = ["UltralyticsDetector", "from_ultralytics"]
+
+
+def from_ultralytics(result: Any) -> list[Detection]:
+    """
+    Turn one `Results` of an ultralytics model into detections.
+
+    Parameters
+    ----------
+    result : ultralytics.engine.results.Results
+        What the model said of one picture, ``model(image)[0]``, of a detecting, segmenting, pose or
+        tracking model. Tensors may live on any device.
+
+    Returns
+    -------
+    list of Detection
+        One per box, in order, with its mask where there is one, in the picture's shape, and with
+        its `track_id` where the model tracks. Where a mask is empty the box stands alone.
+
+    Raises
+    ------
+    ValueError
+        If the result has no upright boxes (oriented boxes, a class of the whole picture), or a
+        class without a name.
+    TypeError
+        If it is a list of results, as the model returns, or something else.
+
+    Notes
+    -----
+    Depth of an ultralytics depth model, ``result.depth``, is metric::
+
+        DepthMap(result.depth.data.cpu().numpy(), kind="metric", scale_rel_std=0.15)
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> import numpy as np
+    >>> from imgscale.detectors.ultralytics import from_ultralytics
+    >>> boxes = SimpleNamespace(
+    ...     xyxy=np.array([[10.5, 20.0, 110.5, 70.0]]),
+    ...     conf=np.array([0.9]),
+    ...     cls=np.array([2.0]),
+    ...     id=None,
+    ... )
+    >>> result = SimpleNamespace(boxes=boxes, masks=None, names={2: "car"}, orig_shape=(480, 640))
+    >>> from_ultralytics(result)[0].xyxy
+    (10.5, 20.0, 110.5, 70.0)
+    """
+    boxes = _boxes(result)
+    height, width = (int(length) for length in result.orig_shape)
+    # `tolist` knows every number type, device and gradient
+    corners, scores, classes = (column.tolist() for column in (boxes.xyxy, boxes.conf, boxes.cls))
+    absent: list[Any] = [None] * len(corners)
+    segments: Any = getattr(result, "masks", None)
+    tracks: list[Any] = absent if boxes.id is None else boxes.id.tolist()
+    masks = absent if segments is None else _masks(segments.data, (height, width))
+    rows = zip(corners, scores, classes, tracks, masks, strict=True)
+    return [
+        make_detection(
+            f"result[{i}]",
+            _name(result.names, int(number), f"result[{i}]"),
+            box,
+            score=score,
+            mask=mask,
+            track_id=None if track is None else int(track),
+            image_size=(width, height),
+        )
+        for i, (box, score, number, track, mask) in enumerate(rows)
+    ]
+
+
+def _boxes(result: Any) -> Any:
+    """Fetch the upright boxes or say what the result has instead."""
+    if isinstance(result, (list, tuple)):
+        msg = (
+            "`result` must be of one picture; got a list, one per picture, as the model returns. "
+            "Pass result[0]."
+        )
+        raise TypeError(msg)
+    if not hasattr(result, "boxes") or not hasattr(result, "orig_shape"):
+        msg = f"`result` must be an ultralytics Results; got {type(result).__name__}."
+        raise TypeError(msg)
+    if result.boxes is not None:
+        return result.boxes
+    if getattr(result, "obb", None) is not None:
+        msg = (
+            "`result` must have upright boxes; got oriented ones (obb). The size of an object is "
+            "measured along the picture's axes: use a detecting or segmenting model."
+        )
+        raise ValueError(msg)
+    msg = "`result` must have boxes; got none. Use a detecting, segmenting or pose model."
+    raise ValueError(msg)
+
+
+def _name(names: Mapping[int, str], number: int, place: str) -> str:
+    if number not in names:
+        msg = f"{place}: `names` must have class {number}; got {len(names)} others."
+        raise ValueError(msg)
+    return names[number]
+
+
+def _masks(data: Any, shape: tuple[int, int]) -> Iterator[BoolArray | None]:
+    """
+    Bring masks from the network's input to the picture.
+
+    The polygons beside them, `masks.xy`, lose holes and join or lose the parts of an object.
+    """
+    masks: BoolArray = as_numpy(data) > 0
+    padded = masks.shape[1:]
+    gain = min(padded[0] / shape[0], padded[1] / shape[1])
+    rows, columns = (_shown_at(*lengths, gain) for lengths in zip(shape, padded, strict=True))
+    for mask in masks:
+        upright = mask[rows[:, np.newaxis], columns]
+        yield upright if upright.any() else None
+
+
+def _shown_at(length: int, padded: int, gain: float) -> IntArray:
+    """Tell for each pixel of the picture which pixel of the padded input shows its middle."""
+    resized = round(length * gain)
+    bar = round((padded - resized) / 2 - 0.1)  # the first of two bars is the narrower one
+    middles = (np.arange(length) + 0.5) * (resized / length) + bar
+    return middles.astype(np.intp)
+
+
+@attrs.frozen
+class UltralyticsDetector:
+    """
+    Run an ultralytics model; it satisfies `Detector`.
+
+    The model gets the picture as BGR, the order that it takes arrays for. Boxes without a part
+    inside the picture are dropped.
+
+    Attributes
+    ----------
+    model : ultralytics.YOLO
+        The model, loaded; on the device where it is.
+    threshold : float
+        Boxes with a lower score are not reported, 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        If the threshold is not between 0 and 1.
+
+    Examples
+    --------
+    >>> from imgscale.detectors.ultralytics import UltralyticsDetector
+    >>> from ultralytics import YOLO  # doctest: +SKIP
+    >>> detector = UltralyticsDetector(YOLO(weights), threshold=0.5)  # doctest: +SKIP
+    """
+
+    model: Any = attrs.field(repr=False)
+    threshold: float = attrs.field(kw_only=True, converter=as_float, validator=share)
+
+    def __call__(self, image: ImageArray, /) -> list[Detection]:
+        """
+        Detect objects.
+
+        Parameters
+        ----------
+        image : (H, W, 3) ndarray of uint8
+            The upright picture, RGB.
+
+        Returns
+        -------
+        list of Detection
+            What overlaps the picture, in the model's order.
+        """
+        bgr = np.ascontiguousarray(image[..., ::-1])
+        (result,) = self.model(bgr, conf=self.threshold, verbose=False)
+        height, width = image.shape[:2]
+        x1, y1, x2, y2 = _boxes(result).xyxy.T
+        outside = (x2 <= 0) | (y2 <= 0) | (x1 >= width) | (y1 >= height)
+        return from_ultralytics(result[~outside])
