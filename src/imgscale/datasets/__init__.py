@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from imgscale.datasets import motorcycle, paper
+from imgscale.datasets import kitti, motorcycle, paper
 
-__all__ = ["motorcycle", "paper"]
+__all__ = ["kitti", "motorcycle", "paper"]
