@@ -5,6 +5,7 @@ import json
 import math
 from typing import NamedTuple
 
+import attrs
 import numpy as np
 import pytest
 
@@ -444,6 +445,162 @@ def test_a_wrong_horizon_told_as_exact_moves_the_height_by_the_law(method):
     assert model.horizon_px == pytest.approx(520, abs=1e-2)
     # the prior of the height, a factor of 2 wide, draws by a thousandth
     assert model.k == pytest.approx(1.6 * 160 / 200, rel=3e-3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_cross_fall_that_is_told_gives_exact_sizes(method):
+    cross_fall = math.tan(math.radians(6.0))
+    objects = poles(np.random.default_rng(6), 7, cross_fall=cross_fall)
+    errors = {}
+    for told in ({}, {"roll_deg": 6.0, "roll_std_deg": 0.0}):
+        ground = ims.GroundPlane(image_size=SIZE, horizon_px=480.0, horizon_std_px=0.0, **told)
+        model = ims.fit(seen(objects), ground, table(objects[:1]), noise=EXACT, method=method)
+        sizes = ims.predict(model, seen(objects))
+        errors[bool(told)] = max(
+            abs(one.size_m / pole.size_m - 1) for one, pole in zip(sizes, objects, strict=True)
+        )
+    # a roll without an error counts as known to 1e-6
+    assert errors[True] < 1e-5
+    assert errors[False] > 0.05
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("told", "expected"), [(None, 0.5), (0.2, 0.2), (1.0, 1.0)])
+def test_the_error_of_a_told_roll_is_kept_where_nothing_else_tells_it(told, expected, method):
+    # one reference in the middle column
+    ground = ims.GroundPlane(image_size=SIZE, roll_deg=3.0, roll_std_deg=told)
+    model = ims.fit([column(1.2, 680)], ground, POST, method=method)
+    assert model.plane.roll_deg == pytest.approx(3.0, abs=0.1 * expected)
+    # some dozens of cases tell it to some per cent
+    assert model.plane.roll_std_deg == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("roll_deg", [-46.0, 45.1, 90.0])
+def test_a_roll_beyond_45_degrees_is_refused(roll_deg):
+    with pytest.raises(ValueError, match=rf"`roll_deg` must be between -45 and 45; got {roll_deg}"):
+        ims.GroundPlane(image_size=SIZE, roll_deg=roll_deg)
+    for lawful in (-45.0, 45.0):
+        assert ims.GroundPlane(image_size=SIZE, roll_deg=lawful).roll_deg == lawful
+
+
+def test_the_error_of_a_roll_that_is_not_told_is_refused():
+    with pytest.raises(ValueError, match=r"`roll_deg` must be given with its.*None \+- 0\.5"):
+        ims.GroundPlane(image_size=SIZE, roll_std_deg=0.5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_fitted_plane_is_what_is_known_of_the_next_picture(method):
+    plane = ims.fit(POSTS, GROUND, POST, method=method).plane
+    again = ims.fit([], plane.as_prior(SIZE), POST, method=method).plane
+    assert again.camera_height_m == pytest.approx(plane.camera_height_m, rel=1e-3)
+    assert again.horizon_px == pytest.approx(plane.horizon_px, abs=0.1 * plane.horizon_std_px)
+    assert again.roll_deg == pytest.approx(plane.roll_deg, abs=0.1 * plane.roll_std_deg)
+    # some dozens of cases tell them to some per cent
+    for name in ("camera_height_std_m", "horizon_std_px", "roll_std_deg"):
+        assert getattr(again, name) == pytest.approx(getattr(plane, name), rel=0.1)
+
+
+def test_what_moves_between_pictures_adds_to_the_errors_of_a_fitted_plane():
+    plane = ims.fit(POSTS, GROUND, POST, method="robust").plane
+    still, moving = plane.as_prior(SIZE), plane.as_prior(SIZE, jitter_px=4.0, jitter_deg=1.0)
+    assert attrs.asdict(still) == {"image_size": SIZE, **attrs.asdict(plane)}
+    assert moving.horizon_std_px**2 - plane.horizon_std_px**2 == pytest.approx(16)
+    assert moving.roll_std_deg**2 - plane.roll_std_deg**2 == pytest.approx(1)
+    told = {"horizon_std_px": plane.horizon_std_px, "roll_std_deg": plane.roll_std_deg}
+    assert attrs.evolve(moving, **told) == still
+
+
+# --- a horizon that nobody told -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_horizon_that_rests_on_photos_at_large_is_flagged(method):
+    one = ims.fit([column(1.2, 680)], GROUND, POST, method=method)
+    assert Flag.ASSUMED_HORIZON in one.flags
+    # HORIZON_STD is 154 px
+    assert one.plane.horizon_std_px > 77
+    height = ims.GroundPlane(image_size=SIZE, camera_height_m=1.6)
+    side_by_side = [column(1.2, 680, x=x) for x in (300.0, 900.0)]
+    model = ims.fit(side_by_side, GROUND, POST, method=method)
+    assert Flag.ASSUMED_HORIZON in model.flags
+    # the height and one size tell the horizon together
+    assert Flag.ASSUMED_HORIZON not in ims.fit(side_by_side, height, POST, method=method).flags
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_horizon_that_somebody_or_the_picture_told_is_not_flagged(method):
+    thing = [column(1.2, 680)]
+    horizon = ims.GroundPlane(image_size=SIZE, horizon_px=480.0, horizon_std_px=200.0)
+    pitch = ims.Camera(FOCAL, focal_rel_std=0.0, pitch_std_deg=10.0)
+    depth = ims.ObjectDepths([8.0], kind="relative", image_size=SIZE)
+    models = {
+        "horizon": ims.fit(thing, horizon, POST, method=method),
+        "pitch": ims.fit(thing, GROUND, POST, camera=pitch, method=method),
+        "picture": ims.fit(POSTS, GROUND, POST, method=method),
+        "depth": ims.fit(thing, depth, POST, ground=GROUND, method=method),
+    }
+    flagged = [name for name, model in models.items() if Flag.ASSUMED_HORIZON in model.flags]
+    assert flagged == []
+
+
+# --- a focal length that errs --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("focal_rel_std", [0.03, 0.08])
+def test_the_error_of_the_focal_length_widens_sizes_below_a_tilted_camera(focal_rel_std, method):
+    # p h (1 + tan^2 T) / (1 - tan T y / f) / (foot - y0) with tan T = -y0 / f, 25 degrees down
+    y0, height, top, foot = -FOCAL * math.tan(math.radians(25.0)), 2.6, 50.0, 360.0
+    told = ims.GroundPlane(
+        image_size=SIZE, horizon_px=HEIGHT / 2 + y0, horizon_std_px=0.0,
+        camera_height_m=height, camera_height_std_m=0.0,
+    )  # fmt: skip
+    person = ims.Detection("thing", (630, HEIGHT / 2 + top, 650, HEIGHT / 2 + foot))
+
+    def size(focal_px, rel=0.0):
+        looking = ims.Camera(focal_px, focal_rel_std=rel)
+        noise = ims.Noise(box_px=0.5, depth_rel=0.002)
+        model = ims.fit([person], told, table([]), camera=looking, noise=noise, method=method)
+        return ims.predict(model, [person])[0]
+
+    def by_hand(focal):
+        tangent = -y0 / focal
+        return height * (foot - top) * (1 + tangent**2) / (1 - tangent * top / focal) / (foot - y0)
+
+    assert size(FOCAL).size_m == pytest.approx(by_hand(FOCAL), rel=1e-6)
+    slope = math.log(by_hand(1.01 * FOCAL) / by_hand(0.99 * FOCAL)) / 0.02
+    assert slope < -0.3
+    exact, widened = (one.std_m / one.size_m for one in (size(FOCAL), size(FOCAL, focal_rel_std)))
+    # some dozens of cases tell it to some per cent
+    assert widened == pytest.approx(math.hypot(exact, slope * focal_rel_std), rel=0.05)
+
+
+def test_two_doors_tell_how_far_a_focal_length_can_be_trusted_near_the_camera():
+    # a person at 2.6 m, under a camera whose focal length errs by 8 %; the errors of 60 drawings
+    rng, scores = np.random.default_rng(7), []
+    priors = ims.PriorTable([ims.ObjectPrior("door", 2.04, 0.003)])
+    ground = ims.GroundPlane(image_size=SIZE, camera_height_m=2.6, camera_height_std_m=0.03)
+    noise = ims.Noise(box_px=1.5, depth_rel=0.005)
+    for _ in range(60):
+        pitch, height = math.radians(rng.uniform(20, 30)), rng.normal(2.6, 0.03)
+        truth = rng.normal(1.78, 0.08)
+        detections = []
+        for label, size, forward, lateral in (
+            ("door", rng.normal(2.04, 0.003), 6.0, -0.7),
+            ("door", rng.normal(2.04, 0.003), 6.0, 0.7),
+            ("person", truth, 2.6, 0.1),
+        ):
+            low = -height + rng.normal(0, 0.013)
+            x, foot, _ = project(forward, lateral, low, pitch)
+            _, top, _ = project(forward, lateral, low + size, pitch)
+            top, foot = np.array([top, foot]) + rng.normal(0, 1.5 / math.sqrt(2), 2)
+            detections.append(ims.Detection(label, (x - 9, top, x + 9, foot)))
+        told = ims.Camera(FOCAL * math.exp(0.08 * rng.normal()), focal_rel_std=0.08)
+        model = ims.fit(detections, ground, priors, camera=told, noise=noise, method="robust")
+        person = ims.predict(model, detections)[-1]
+        scores.append(math.log(person.size_m / truth) / (person.std_m / person.size_m))
+    # 1 within three standard errors of such a root mean square
+    assert math.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=3 / math.sqrt(120))
 
 
 def test_the_plane_need_not_be_given_again():

@@ -227,6 +227,91 @@ def test_an_uncertain_pitch_adds_its_part_to_the_interval(pitch_std_deg, depth_r
     assert widened == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("pitch_std_deg", [0.0, 1.0])
+@pytest.mark.parametrize(("focal_rel_std", "depth_rel"), [(0.03, 0.002), (0.08, 0.01)])
+def test_an_uncertain_focal_length_adds_its_part_to_the_interval(
+    focal_rel_std, depth_rel, pitch_std_deg, method
+):
+    # as above: the pixels of a post far down and a thing far up are corrected by both
+    post, thing = (ims.Detection(*args) for args in (
+        ("post", (600.0, 700.0, 620.0, 900.0)), ("thing", (600.0, 60.0, 620.0, 160.0)),
+    ))  # fmt: skip
+    priors = ims.PriorTable([ims.ObjectPrior("post", 1.0, 0.002)])
+    options = {"noise": ims.Noise(box_px=0.2, depth_rel=depth_rel), "method": method}
+
+    def size(*, focal_px=FOCAL, focal_rel_std=0.0, pitch_deg=25.0, pitch_std_deg=0.0):
+        depth = ims.ObjectDepths([5.0, 12.0], kind="relative", image_size=SIZE)
+        looking = ims.Camera(
+            focal_px, focal_rel_std=focal_rel_std, pitch_deg=pitch_deg, pitch_std_deg=pitch_std_deg
+        )
+        model = ims.fit([post, thing], depth, priors, camera=looking, **options)
+        return ims.predict(model, [post, thing], depth)[1]
+
+    by_focal = math.log(size(focal_px=1.01 * FOCAL).size_m / size(focal_px=0.99 * FOCAL).size_m)
+    by_pitch = math.log(size(pitch_deg=25.2).size_m / size(pitch_deg=24.8).size_m)
+    # u / (1 - u) at u = tan T y / f, 0.15 below the middle and -0.17 above it
+    assert by_focal / 0.02 == pytest.approx(0.149 / 0.851 + 0.172 / 1.172, rel=0.01)
+    exact = log_std(size())
+    parts = (by_focal / 0.02 * focal_rel_std, by_pitch / 0.4 * pitch_std_deg)
+    expected = math.hypot(exact, *parts)
+    assert expected > 1.1 * math.hypot(exact, parts[1])
+    widened = log_std(size(focal_rel_std=focal_rel_std, pitch_std_deg=pitch_std_deg))
+    assert widened == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_the_pitch_alone_changes_errs_by_the_pitch_alone(method):
+    # a width is not corrected, a height in the middle row by 1 / cos T, whatever the focal length
+    sill, post = (ims.Detection(*args) for args in (
+        ("sill", (540.0, 700.0, 740.0, 720.0)), ("thing", (600.0, 380.0, 620.0, 580.0)),
+    ))  # fmt: skip
+    priors = ims.PriorTable([ims.ObjectPrior("sill", 1.0, 0.002, axis="width")])
+    depth = ims.ObjectDepths([5.0, 12.0], kind="relative", image_size=SIZE)
+    noise = ims.Noise(box_px=0.2, depth_rel=0.002)
+    widths = []
+    for rel in (0.0, 0.03, 0.08):
+        looking = ims.Camera(FOCAL, focal_rel_std=rel, pitch_deg=25.0, pitch_std_deg=2.0)
+        model = ims.fit([sill, post], depth, priors, camera=looking, noise=noise, method=method)
+        low, high = ims.predict(model, [sill, post], depth)[1].interval(0.9)
+        widths.append(math.log(high / low))
+    by_pitch = 2 * 1.645 * math.tan(math.radians(25.0)) * math.radians(2.0)
+    assert widths[0] > by_pitch
+    # a pair of cases tells its variance, and the ends of the interval to some per cent
+    assert widths[1:] == pytest.approx([widths[0]] * 2, rel=0.08)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", ["relative", "inverse"])
+def test_the_focal_length_of_a_level_camera_widens_nothing(kind, method):
+    objects = things(3, 5, 0.0)
+    depth, priors = depths(objects, kind), table(objects[:4], 0.05)
+    found = []
+    for rel in (0.0, 0.08):
+        level = ims.Camera(FOCAL, focal_rel_std=rel)
+        model = ims.fit(seen(objects), depth, priors, camera=level, noise=TOLD, method=method)
+        found.append(ims.predict(model, seen(objects), depth))
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("on_ground", [True, False])
+@pytest.mark.parametrize("focal_rel_std", [1e-300, 1e-9, 1e-5, 3.0, 1e6])
+def test_a_focal_length_known_exactly_or_not_at_all_still_gives_sizes(
+    focal_rel_std, on_ground, method
+):
+    objects = things(14, 6, 25.0)
+    looking = ims.Camera(FOCAL, focal_rel_std=focal_rel_std, pitch_deg=25.0, pitch_std_deg=1.0)
+    options = {"camera": looking, "noise": TOLD, "method": method}
+    if on_ground:
+        options["ground"] = ims.GroundPlane(image_size=SIZE)
+    depth, priors = depths(objects), table(objects[:5], 0.02)
+    model = ims.fit(seen(objects), depth, priors, **options)
+    for size, thing in zip(ims.predict(model, seen(objects), depth), objects, strict=True):
+        low, high = size.interval(0.99)
+        assert 0 < low < thing.height_m < high
+
+
 def test_an_uncertain_pitch_is_weighed_by_how_well_the_references_agree():
     # told 15 +- 5 degrees, while the references fit 25 only
     objects = things(9, 8, 25.0)

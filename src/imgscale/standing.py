@@ -32,6 +32,8 @@ JITTERS = (0.0, 0.001, 0.002, 0.004, 0.008)
 _GIVEN_HORIZON_STD, _GIVEN_HEIGHT_REL, _GIVEN_ROLL_STD_DEG = 0.005, 0.02, 0.5
 _LEAST_SLOPE_STD = 1e-6
 _LEAST_STD_PX = 1e-6
+# A focal length known better than this is exact; one that may be off by e tells no tilt anyway.
+_FOCAL_REL = (1e-6, 1.0)
 
 
 class Viewpoint(NamedTuple):
@@ -130,6 +132,7 @@ def scene_of(view: Viewpoint) -> Scene:
     longer = max(view.image_size)
     told: list[tuple[float, float]] = []
     ground, camera = view.ground, view.camera
+    focal_rel_std = _focal_rel_std(camera)
     if ground and ground.horizon_px is not None:
         std = ground.horizon_std_px
         told.append(
@@ -137,8 +140,10 @@ def scene_of(view: Viewpoint) -> Scene:
         )
     if camera and camera.is_tilted:
         pitch = math.radians(camera.pitch_deg)
+        row = -camera.focal_px * math.tan(pitch)
         std = camera.focal_px * math.radians(camera.pitch_std_deg) / math.cos(pitch) ** 2
-        told.append((-camera.focal_px * math.tan(pitch), std))
+        # beside a plane the horizon is what is looked for, and the pitch tells it by way of f
+        told.append((row, math.hypot(std, row * focal_rel_std) if ground else std))
     if ground:
         told = [(row, max(std, _LEAST_STD_PX * longer)) for row, std in told]
     horizon, horizon_std = view.image_size[1] / 2 - view.cy, HORIZON_STD * longer
@@ -162,7 +167,16 @@ def scene_of(view: Viewpoint) -> Scene:
         has_plane=ground is not None,
         has_depth=not view.alone,
         span=float(view.image_size[1]),
+        focal_rel_std=focal_rel_std,
     )
+
+
+def _focal_rel_std(camera: Camera | None) -> float:
+    """Tell the error of the focal length where it can matter."""
+    least, largest = _FOCAL_REL
+    if camera is None or camera.focal_rel_std < least:
+        return 0.0
+    return min(camera.focal_rel_std, largest)
 
 
 def height_of(ground: GroundPlane) -> tuple[float, float]:
@@ -258,7 +272,6 @@ def stance_of(
         relief_var=np.full(count, relief**2),
         box_var=box_var,
         focal_px=np.full(count, view.camera.focal_px if view.camera else np.nan),
-        focal_rel_var=np.full(count, view.camera.focal_rel_std**2 if view.camera else 0.0),
         span_px=np.full(count, float(view.image_size[1])),
         upright=upright,
         is_height=np.zeros(count, dtype=np.bool_),

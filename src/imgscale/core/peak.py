@@ -311,6 +311,9 @@ def _prior(unknowns: Unknowns, theta: FloatArray) -> tuple[FloatArray, FloatArra
     matrix[:, 0, 1] = matrix[:, 1, 0] = -scene.cross * below
     if scene.has_depth:
         matrix[:, 2, 2] = 1e-6
+    if scene.focal_rel_std:
+        matrix[:, -1, -1] = scene.focal_rel_std**-2
+        gradient[:, -1] = -theta[:, -1] * scene.focal_rel_std**-2
     if unknowns.shifts is not None:
         shift = unknowns.shifts.shift(theta[:, 3])
         change = unknowns.shifts.spread * np.exp(theta[:, 3])

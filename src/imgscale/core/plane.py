@@ -7,6 +7,8 @@ that its density there asks for.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from imgscale._typing import FloatArray
@@ -16,12 +18,13 @@ from imgscale.core.unknowns import Scene, Unknowns, unknowns_of, with_columns
 from imgscale.core.witnesses import Nuisance, Sized, crossed
 
 _NODES = 11
-# Cases for 2, 3 and 4 unknowns, half as many for each of several levels of noise: three in five as
+# Cases for 2 to 5 unknowns, half as many for each of several levels of noise: three in five as
 # wide as the errors, the others 2.5 times.
-_CASES = {2: 48, 3: 72, 4: 112}
+_CASES = {2: 48, 3: 72, 4: 112, 5: 160}
 _WIDE, _WIDE_SHARE = 2.5, 0.4
 # Cases less probable than the best one by this factor (its log) are left out.
 _NEGLIGIBLE = 9.0
+_GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 def tilt_cases(scene: Scene, n_images: int) -> Nuisance:
@@ -31,22 +34,36 @@ def tilt_cases(scene: Scene, n_images: int) -> Nuisance:
     Parameters
     ----------
     scene : Scene
-        What is known of the horizon.
+        What is known of the horizon and of the focal length.
     n_images : int
         Number of images.
 
     Returns
     -------
     Nuisance
-        One case where it is known exactly, else eleven.
+        One case where both are known exactly, eleven where one of them is, else eleven pairs.
+
+    Notes
+    -----
+    The pitch was told, so that the horizon y0 moves with the focal length f. What differs from one
+    upright object to the other goes with y0 / f^2, in which the errors of both add up: the eleven
+    lie along that. Across it only 1 / cos T changes, of which two cases tell the variance.
     """
-    nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES if scene.horizon_std > 0 else 1)
-    zero = np.zeros((nodes.size, n_images))
+    by_focal = scene.horizon * scene.focal_rel_std
+    both = math.hypot(scene.horizon_std, by_focal)
+    cos, sin = (scene.horizon_std / both, by_focal / both) if both else (1.0, 0.0)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES if both else 1)
+    pair = [-1.0, 1.0] if scene.horizon_std and scene.focal_rel_std else [0.0]
+    along, across = np.repeat(nodes, len(pair))[:, None], np.tile(pair, nodes.size)[:, None]
+    zero = np.zeros((along.size, n_images))
+    log_focal = zero + scene.focal_rel_std * (cos * across - sin * along)
+    horizon = scene.horizon + scene.horizon_std * (cos * along + sin * across)
     return Nuisance(
         shift=zero,
         depth_var=zero,
-        log_prior=zero + np.log(weights)[:, None],
-        horizon=zero + scene.horizon + scene.horizon_std * nodes[:, None],
+        log_prior=zero + np.log(np.repeat(weights, len(pair)))[:, None],
+        horizon=horizon * np.exp(log_focal),
+        log_focal=log_focal if scene.focal_rel_std else None,
     )
 
 
@@ -106,12 +123,23 @@ def _alike(count: int, n_images: int) -> Nuisance:
 
 def _around(unknowns: Unknowns, peak: Peak, count: int) -> Nuisance:
     """Spread cases around the most probable values."""
-    scores, log_density = _cloud(unknowns.dimensions, count)
+    has_focal = unknowns.scene.focal_rel_std > 0
+    scores, log_density = _cloud(unknowns.dimensions - has_focal, count)
+    if has_focal:
+        scores, log_density = _with_focal(scores, log_density)
     points = bounded(unknowns, peak.theta + np.einsum("nij,qj->qni", peak.root, scores))
     log_prior = unknowns.log_prior(points) + unknowns.noise.log_prior
     return unknowns.nuisance(points)._replace(
         log_prior=log_prior + peak.log_volume - log_density[:, None]
     )
+
+
+def _with_focal(scores: FloatArray, log_density: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Add scores of the focal length, none wide: its prior has no far tails."""
+    from scipy import special  # noqa: PLC0415 - tens of milliseconds of import
+
+    focal = special.ndtri(_GOLDEN * np.arange(1, len(scores) + 1) % 1)
+    return np.column_stack([scores, focal]), log_density - 0.5 * focal**2
 
 
 def _cloud(dimensions: int, count: int) -> tuple[FloatArray, FloatArray]:

@@ -116,7 +116,7 @@ def compare(objects: Sized, stance: Stance, nuisance: Nuisance) -> Comparison:
     """
     image = objects.image
     horizon = np.zeros((1, image.size)) if nuisance.horizon is None else nuisance.horizon[:, image]
-    tilts = stance.tilts(horizon)
+    tilts = stance.tilts(horizon, _log_focal(nuisance, image))
     by_depth = objects.by_depth(nuisance) + np.where(objects.firm, 0.0, tilts.by_depth)
     depth_var = np.maximum(objects.noise_under(nuisance) - stance.box_var, 0.0)
     nothing = np.full_like(by_depth, np.nan)
@@ -176,13 +176,12 @@ def sight(objects: Sized, nuisance: Nuisance) -> Sighting:
         one_way = np.zeros((1, *by_depth.shape))
         return Sighting(by_depth[None], objects.noise_under(nuisance)[None], one_way)
     seen = compare(objects, stance, nuisance)
-    focal_var = stance.focal_var(nuisance.horizon[:, objects.image])
     depth, foot = np.isfinite(seen.by_depth), ~np.isnan(seen.by_foot)
     one_way = np.zeros((1, *depth.shape))
     if not (depth & foot).any():  # one witness of distance each
         log_size = np.where(foot, seen.by_foot, seen.by_depth)
         variance = np.where(foot, seen.foot_var - seen.shared_var, seen.depth_var)
-        variance = np.maximum(variance + stance.box_var + focal_var, 0.0)
+        variance = np.maximum(variance + stance.box_var, 0.0)
         return Sighting(log_size[None], variance[None], one_way)
     either = depth & foot
     towards_foot = np.where(seen.has_both, seen.depth_var / seen.total_var, 0.0)
@@ -196,7 +195,7 @@ def sight(objects: Sized, nuisance: Nuisance) -> Sighting:
     log_off = math.log(_OFF_PLANE) - np.log(stance.span_px)
     return Sighting(
         log_size=np.stack([size_on, size_off]),
-        variance=np.maximum(np.stack([var_on, seen.depth_var]) + stance.box_var + focal_var, 0.0),
+        variance=np.maximum(np.stack([var_on, seen.depth_var]) + stance.box_var, 0.0),
         log_weight=np.stack(
             [
                 np.where(either, np.where(seen.has_both, log_plane, -np.inf), 0.0),
@@ -228,7 +227,8 @@ def log_scales(objects: Sized, nuisance: Nuisance) -> tuple[FloatArray, FloatArr
     log_scale = np.where(np.isfinite(log_size), log_size - objects.log_pixels, np.nan)
     if objects.stance is None or nuisance.horizon is None:
         return log_scale, log_scale
-    tilts = objects.stance.tilts(nuisance.horizon[:, objects.image])
+    image = objects.image
+    tilts = objects.stance.tilts(nuisance.horizon[:, image], _log_focal(nuisance, image))
     by_foot = np.isnan(objects.inverse_depth)
     return log_scale, log_scale - np.where(
         by_foot, tilts.by_foot - tilts.log_secant, tilts.by_depth
@@ -341,3 +341,8 @@ def subjects_under(
         tau=np.tile(subjects.tau, count),
         own=numbered(own, count, witnesses.image.size),
     )
+
+
+def _log_focal(nuisance: Nuisance, image: IntArray) -> FloatArray | float:
+    """Log of the focal length over the told one, for each case and object."""
+    return 0.0 if nuisance.log_focal is None else nuisance.log_focal[:, image]

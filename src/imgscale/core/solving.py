@@ -217,9 +217,9 @@ def solve(problem: Problem) -> Cases:
         shift, others = shift_cases(level, problem.n_images, unknown_noise=problem.unknown_noise)
         best = best._replace(shift=shift[None])
     if problem.scene:
-        tilt = tilt_cases(problem.scene, problem.n_images)
-        others = _tilted(others, tilt)
-        best = _tilted(best, tilt.cases(np.array([tilt.n_cases // 2])))
+        exact = problem.scene._replace(horizon_std=0.0, focal_rel_std=0.0)
+        others = _tilted(others, tilt_cases(problem.scene, problem.n_images))
+        best = _tilted(best, tilt_cases(exact, problem.n_images))
     return _solve_cases(problem, crossed(noise, others), best)
 
 
@@ -370,8 +370,11 @@ def _levelled(witnesses: Sized, scene: Scene | None) -> Sized:
 def _tilted(others: Nuisance, tilt: Nuisance) -> Nuisance:
     """Combine cases of the shift with cases of the tilt."""
     both = crossed(tilt, others)
-    horizon = None if tilt.horizon is None else np.repeat(tilt.horizon, others.n_cases, axis=0)
-    return both._replace(horizon=horizon)
+    repeated = [
+        None if column is None else np.repeat(column, others.n_cases, axis=0)
+        for column in (tilt.horizon, tilt.log_focal)
+    ]
+    return both._replace(horizon=repeated[0], log_focal=repeated[1])
 
 
 def _solve_cases(problem: Problem, nuisance: Nuisance, best: Nuisance) -> Cases:

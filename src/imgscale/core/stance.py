@@ -14,9 +14,6 @@ import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray
 
-# Objects so near to the vertical vanishing point are hardly seen from the side.
-_STEEPEST = 0.9
-
 
 class Tilts(NamedTuple):
     """
@@ -55,8 +52,6 @@ class Stance(NamedTuple):
         Variance of the log extent in pixels.
     focal_px : (N,) ndarray of float64
         Focal length; NaN where it is not known, and then no tilt is corrected.
-    focal_rel_var : (N,) ndarray of float64
-        Relative variance of that.
     span_px : (N,) ndarray of float64
         Rows over which the feet of objects off the plane are spread.
     upright : (N,) ndarray of bool
@@ -77,7 +72,6 @@ class Stance(NamedTuple):
     relief_var: FloatArray
     box_var: FloatArray
     focal_px: FloatArray
-    focal_rel_var: FloatArray
     span_px: FloatArray
     upright: BoolArray
     is_height: BoolArray
@@ -118,7 +112,6 @@ class Stance(NamedTuple):
             relief_var=zero,
             box_var=zero,
             focal_px=nowhere,
-            focal_rel_var=zero,
             span_px=np.ones(count),
             upright=no,
             is_height=np.full(count, is_height),
@@ -145,7 +138,7 @@ class Stance(NamedTuple):
         """
         return self.foot - horizon - slope * self.lateral
 
-    def tilts(self, horizon: FloatArray) -> Tilts:
+    def tilts(self, horizon: FloatArray, log_focal: FloatArray | float = 0.0) -> Tilts:
         """
         Compute what a tilted camera does to extents in pixels.
 
@@ -153,6 +146,8 @@ class Stance(NamedTuple):
         ----------
         horizon : (K, N) ndarray of float
             Row of the horizon below the principal point, for each case and object.
+        log_focal : (K, N) ndarray of float
+            Log of the focal length over the one that was told.
 
         Returns
         -------
@@ -167,7 +162,7 @@ class Stance(NamedTuple):
         1 / cos T takes the place of that factor.
         """
         level = np.isnan(self.focal_px)
-        focal = np.where(level, 1.0, self.focal_px)
+        focal = np.where(level, 1.0, self.focal_px) * np.exp(log_focal)
         tangent = np.where(level, 0.0, -horizon / focal)
         square = 1 + tangent**2
         with np.errstate(divide="ignore"):
@@ -181,29 +176,3 @@ class Stance(NamedTuple):
             by_foot=np.where(self.upright, 2 * log_secant - top, log_secant),
             log_secant=log_secant,
         )
-
-    def focal_var(self, horizon: FloatArray) -> FloatArray:
-        """
-        Compute what the error of the focal length adds to the variance of log sizes.
-
-        Parameters
-        ----------
-        horizon : (K, N) ndarray of float
-            Row of the horizon below the principal point, for each case and object.
-
-        Returns
-        -------
-        (K, N) ndarray of float64
-            The variance; 0 for a level camera.
-
-        Notes
-        -----
-        With ``u = tan T y / f`` the correction is ``-log(1 - u)`` but for what all objects share,
-        and its derivative by log f is ``-2 u / (1 - u)``.
-        """
-        known = (self.focal_rel_var > 0) & self.upright
-        focal = np.where(known, self.focal_px, 1.0)
-        u = np.where(known, -horizon * self.middle / focal**2, 0.0)
-        u = np.minimum(u, _STEEPEST)
-        variance: FloatArray = (2 * u / (1 - u)) ** 2 * self.focal_rel_var
-        return variance

@@ -3,7 +3,8 @@ What is not known of a ground plane: its unknowns, their prior, and what they ma
 
 The unknowns of an image are log(f - y0), the distance of its median foot from the horizon; the
 slope of the plane; where depths are given too, log(camera height / k) and, where those have a
-shift, its logarithm as in `imgscale.core.shift`.
+shift, its logarithm as in `imgscale.core.shift`; last, where the focal length was told with an
+error, its logarithm over what was told.
 """
 
 from __future__ import annotations
@@ -44,6 +45,8 @@ class Scene(NamedTuple):
         True where there are depths too.
     span : float
         Height of the image in pixels.
+    focal_rel_std : float
+        Relative standard error of the focal length; 0 where it is exact or not known at all.
     cross : float
         Off-diagonal entry of the precision matrix of horizon and slope.
     """
@@ -56,6 +59,7 @@ class Scene(NamedTuple):
     has_plane: bool
     has_depth: bool
     span: float
+    focal_rel_std: float = 0.0
     cross: float = 0.0
 
     def joined(self, horizon: float, slope: float, precision: tuple[float, float, float]) -> Scene:
@@ -123,8 +127,9 @@ class Unknowns(NamedTuple):
 
     @property
     def dimensions(self) -> int:
-        """Number of unknowns of an image: 2 to 4."""
-        return 2 + self.scene.has_depth + (self.shifts is not None)
+        """Number of unknowns of an image: 2 to 5."""
+        has_focal = self.scene.focal_rel_std > 0
+        return 2 + self.scene.has_depth + (self.shifts is not None) + has_focal
 
     def nuisance(self, theta: FloatArray) -> Nuisance:
         """
@@ -148,6 +153,7 @@ class Unknowns(NamedTuple):
             horizon=self.foot - np.exp(theta[..., 0]),
             slope=theta[..., 1],
             gap=theta[..., 2] if self.scene.has_depth else zero,
+            log_focal=theta[..., -1] if self.scene.focal_rel_std else None,
         )
 
     def log_prior(self, theta: FloatArray) -> FloatArray:
@@ -171,6 +177,8 @@ class Unknowns(NamedTuple):
         if not scene.is_given:
             square = (HORIZON_DOF + 1) * np.log1p(square / HORIZON_DOF)
         square = square + (askew / scene.slope_std) ** 2 + 2 * scene.cross * apart * askew
+        if scene.focal_rel_std:
+            square = square + (theta[..., -1] / scene.focal_rel_std) ** 2
         log_prior: FloatArray = theta[..., 0] - square / 2  # dy0 = exp(theta) dtheta
         if self.shifts is not None:
             shift = self.shifts.shift(theta[..., 3])

@@ -173,6 +173,8 @@ class Nuisance(NamedTuple):
         Row of the horizon below the principal point; None where no tilt is known.
     slope, gap : (K, n_images) ndarray of float64 or None
         How far the plane falls off sideways, and log(camera height / k); None without a plane.
+    log_focal : (K, n_images) ndarray of float64 or None
+        Log of the focal length over the one that was told; None where that is exact.
     """
 
     shift: FloatArray
@@ -181,6 +183,7 @@ class Nuisance(NamedTuple):
     horizon: FloatArray | None = None
     slope: FloatArray | None = None
     gap: FloatArray | None = None
+    log_focal: FloatArray | None = None
 
     @property
     def n_cases(self) -> int:
