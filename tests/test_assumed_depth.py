@@ -127,7 +127,7 @@ def read_views_from_above():
 @pytest.mark.skipif(not (ECUSTFD / "density.csv").is_file(), reason=f"no ECUSTFD in {ECUSTFD}")
 def test_a_coin_beside_it_tells_the_diameter_of_fruit_of_measured_volume():
     # The widest part of a fruit is nearer than the coin, so it looks too large. Measured: 15 % in
-    # the median, intervals of 90 % with depth_rel=0.08 hold 89 % (66 photos); all 198: 14 and 92 %
+    # the median, intervals of 90 % with depth_rel=0.08 hold 89 % (66 photos)
     coin = ims.PriorTable([ims.ObjectPrior("coin", 0.025, 0.0, axis="diameter")])
     ratios, inside = [], []
     for detections, image, volume in read_views_from_above():

@@ -31,9 +31,9 @@ class OneDistance:
 
     Tell `fit` how far objects are off that distance: ``Noise(depth_rel=...)``, their heights above
     the common plane over the camera's distance from it. Round fruit beside a coin, seen from above,
-    looks 14 % too large, as its widest part is nearer (198 photos of ECUSTFD [1]_); with 0.08,
-    intervals of 90 % hold the true diameter in 92 % of them. For flat parts on a belt 0.01 or less
-    is right. None, the default, learns it from how far the references disagree, and says 5 % where
+    looks 6 to 12 % too large, as its widest part is nearer (257 photos of ECUSTFD [1]_, height and
+    longer side, `benchmarks/food.py`); with 0.08, intervals of 90 % hold the true diameter in 96 to
+    98 % of them. For flat parts on a belt 0.01 or less is right. None, the default, learns it from how far the references disagree, and says 5 % where
     there is only one.
 
     Attributes
