@@ -29,7 +29,7 @@ CORE: Sequence[tuple[str, ...]] = (
     (PYTHON, "-m", "pyright", "--pythonpath", PYTHON),
     (PYTHON, "-c", "from importlinter.cli import lint_imports_command as run; run()"),
     (PYTHON, "-m", "numpydoc", "lint", *PUBLIC),
-    (PYTHON, "-m", "pytest"),
+    (PYTHON, "-m", "pytest", "-n", "auto", "--dist", "loadfile"),
 )
 FULL: Sequence[tuple[str, ...]] = (
     *((PYTHON, example) for example in EXAMPLES),

@@ -57,6 +57,7 @@ def fit_and_size(labels, pixels, values, *, noise=EXACT, priors=None, method="po
 # --- exact data --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("depth_rel", [1e-3, 1e-6])
 @pytest.mark.parametrize("count", [2, 4, 7], ids="{} references".format)
@@ -575,6 +576,7 @@ def simulated(rng, count, noise=0.05, spread=0.06, mean_spread=0.02):
     return labels, pixels, scale * (nearness - shift), size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "images"), [("posterior", 60), ("robust", 160)])
 def test_intervals_of_unknown_objects_cover_what_they_say(method, images):
     # 60 x 2 objects: the binomial error is 2.7 points, a little more as both share an image

@@ -40,6 +40,7 @@ def court(tmp_path_factory):
     return *run_in_process("court.py", output), output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "written"), [("fixed_camera.py", "animals.csv"), ("court.py", "record.json")]
 )

@@ -89,6 +89,7 @@ def test_the_motorcycle_has_no_face_in_either_picture():
     assert [FaceDetector()(image) for image in ski.data.stereo_motorcycle()[:2]] == [[], []]
 
 
+@pytest.mark.slow
 def test_most_small_faces_are_found_and_no_texture_is_one():
     found = [len(FaceDetector(min_share=0.2)(picture)) for picture in small_pictures()]
     assert sum(count == 1 for count in found[:100]) >= 80

@@ -95,6 +95,7 @@ def table(objects, std=0.0, mean_std=0.0):
 # --- exact scenes ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("level", [True, False], ids=["level", "pitched"])
 def test_exact_scenes_give_camera_and_sizes(level, method):
@@ -447,6 +448,7 @@ def test_a_wrong_horizon_told_as_exact_moves_the_height_by_the_law(method):
     assert model.k == pytest.approx(1.6 * 160 / 200, rel=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_cross_fall_that_is_told_gives_exact_sizes(method):
     cross_fall = math.tan(math.radians(6.0))
@@ -575,6 +577,7 @@ def test_the_error_of_the_focal_length_widens_sizes_below_a_tilted_camera(focal_
     assert widened == pytest.approx(math.hypot(exact, slope * focal_rel_std), rel=0.05)
 
 
+@pytest.mark.slow
 def test_two_doors_tell_how_far_a_focal_length_can_be_trusted_near_the_camera():
     # a person at 2.6 m, under a camera whose focal length errs by 8 %; the errors of 60 drawings
     rng, scores = np.random.default_rng(7), []
@@ -815,6 +818,7 @@ def coverage(method, count, seed=0, n_things=5):
     return np.mean(sizes), np.mean(heights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "count"), [("robust", 90), ("posterior", 50)])
 def test_intervals_cover_nine_in_ten(method, count):
     of_sizes, of_heights = coverage(method, count)

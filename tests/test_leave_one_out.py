@@ -230,6 +230,7 @@ def coverage(method, draws):
     return np.mean(hits[::2]), np.mean(hits[1::2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "draws"), [("robust", 700), ("posterior", 350)])
 def test_intervals_cover_ninety_percent(method, draws):
     measured, fused = coverage(method, draws)

@@ -109,6 +109,7 @@ def test_two_cut_references_of_ten_cost_little_beside_an_oracle(method, allowanc
     assert unmasked > 0.8 * 600
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("count", [5, 10])
 def test_without_outliers_the_fit_is_as_good_as_least_squares_and_says_so(count, method):

@@ -27,6 +27,7 @@ def results(width, height, label="thing"):
     return image, detections, ims.predict(model, detections, depth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(300, 200), (4000, 3000), (300, 1200)], ids=str)
 def test_the_picture_is_at_least_as_large_as_the_photo_and_of_its_shape(tmp_path, size):
     draw_sizes(*results(*size)).figure.savefig(tmp_path / "a.png")

@@ -585,6 +585,7 @@ def covered(heights, estimates):
     return (intervals[:, 0] <= heights) & (heights <= intervals[:, 1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "references",
     [
@@ -666,6 +667,7 @@ def test_mean_depth_is_less_certain_than_a_depth():
     assert log_std(guessed) > np.std(np.log(z), ddof=1) > 2 * log_std(read)
 
 
+@pytest.mark.slow
 def test_mean_depth_intervals_cover_ninety_percent():
     # depths of one log-normal scatter, five references: their scatter is known to 35 % only
     rng = np.random.default_rng(9)

@@ -341,6 +341,7 @@ def covered(rng, n_drives, *, tracked):
     return hits / n_drives
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_drive_holds_its_k_where_objects_are_tracked():
     # 2000 other drives: 90.9 %; without track ids, 500 drives: 93.6 %
     assert 0.85 <= covered(np.random.default_rng(11), 150, tracked=True) <= 0.96

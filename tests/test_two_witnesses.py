@@ -403,6 +403,7 @@ def coverage(method, count, seed=0, depth_rel=0.1):
     return np.mean(sizes), np.mean(heights)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "count"), [("robust", 60), ("posterior", 40)])
 def test_intervals_cover_nine_in_ten(method, count):
     of_sizes, of_heights = coverage(method, count)
