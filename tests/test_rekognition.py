@@ -354,12 +354,16 @@ def with_box(**changes):
         pytest.param(
             with_box(Left=120),
             ValueError,
-            r"Labels\[1\]\.Instances\[0\]\.BoundingBox: `left` must be a ratio.*got 120.*pixels",
+            r"Labels\[1\]\.Instances\[0\]\.BoundingBox\.Left` must be a ratio.*got 120.*pixels",
             id="pixels",
         ),
-        pytest.param(with_box(Top=float("nan")), ValueError, "`top` must be a ratio", id="nan"),
-        pytest.param(with_box(Width="0.5"), TypeError, "`width` must be a ratio", id="text side"),
-        pytest.param(with_box(Height=0), ValueError, "positive width and height", id="flat"),
+        pytest.param(
+            with_box(Top=float("nan")), ValueError, r"BoundingBox\.Top` must be a ratio", id="nan"
+        ),
+        pytest.param(
+            with_box(Width="0.5"), TypeError, r"BoundingBox\.Width` must be a ratio", id="text side"
+        ),
+        pytest.param(with_box(Height=0), ValueError, "positive Width and Height", id="flat"),
         pytest.param(
             with_box(Left=1.04), ValueError, r"Labels\[1\]\.Instances\[0\].*overlap", id="outside"
         ),

@@ -17,7 +17,10 @@ T = TypeVar("T")
 
 def as_float(value: float) -> float:
     """Turn real numbers into `float`; leave anything else for the validator to name."""
-    return float(value) if _is_real(value) else value
+    try:
+        return float(value) if _is_real(value) else value
+    except OverflowError:  # an integer beyond all floats
+        return math.inf if value > 0 else -math.inf
 
 
 def _is_real(value: object) -> bool:

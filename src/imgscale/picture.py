@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from imgscale._typing import ImageArray
+from imgscale._typing import ImageArray, ImageSize
 
 if TYPE_CHECKING:
     from PIL.Image import Image as PillowImage
 
     Picture: TypeAlias = str | PathLike[str] | ImageArray | PillowImage
 
-__all__ = ["upright_rgb"]
+__all__ = ["size_of", "upright_rgb"]
 
 
 def upright_rgb(image: object) -> ImageArray:
@@ -61,6 +61,37 @@ def upright_rgb(image: object) -> ImageArray:
         return _eight_bits(ImageOps.exif_transpose(image))
     msg = f"`image` must be a path, an array or a PIL image; got {type(image).__name__}."
     raise TypeError(msg)
+
+
+def size_of(image: object) -> ImageSize:
+    """
+    Read the size of a picture of which nothing else counts.
+
+    Parameters
+    ----------
+    image : (H, W, 3) or (H, W) ndarray
+        The picture.
+
+    Returns
+    -------
+    (width, height)
+        Its size in pixels.
+
+    Raises
+    ------
+    TypeError
+        If it is no array.
+    ValueError
+        If it is no picture.
+    """
+    if not isinstance(image, np.ndarray):
+        msg = f"`image` must be a picture, (H, W, 3); got {type(image).__name__}."
+        raise TypeError(msg)
+    shape = cast("NDArray[Any]", image).shape
+    if not (len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)) or 0 in shape:
+        msg = f"`image` must be a picture, (H, W, 3); got shape {shape}."
+        raise ValueError(msg)
+    return shape[1], shape[0]
 
 
 def _eight_bits(image: PillowImage) -> ImageArray:

@@ -7,14 +7,13 @@ a view from above. `OnGround` suits what stands on a floor or a road and is seen
 
 from __future__ import annotations
 
-from typing import Any, cast
-
 import attrs
 import numpy as np
 
 from imgscale._checks import as_optional_float, non_negative, positive
 from imgscale._typing import ImageArray, ImageSize
 from imgscale.depth import DepthMap, GroundPlane
+from imgscale.picture import size_of
 
 __all__ = ["OnGround", "OneDistance"]
 
@@ -31,10 +30,10 @@ class OneDistance:
 
     Tell `fit` how far objects are off that distance: ``Noise(depth_rel=...)``, their heights above
     the common plane over the camera's distance from it. Round fruit beside a coin, seen from above,
-    looks 6 to 12 % too large, as its widest part is nearer (257 photos of ECUSTFD [1]_, height and
-    longer side, `benchmarks/food.py`); with 0.08, intervals of 90 % hold the true diameter in 96 to
-    98 % of them. For flat parts on a belt 0.01 or less is right. None, the default, learns it from how far the references disagree, and says 5 % where
-    there is only one.
+    looks 6 to 12 % too large by its height and longer side, as its widest part is nearer (257
+    portions of ECUSTFD [1]_, `benchmarks/food.py`); with 0.08, intervals of 90 % hold the true
+    diameter in 96 to 98 % of them. For flat parts on a belt 0.01 or less is right. None, the
+    default, learns it from how far the references disagree, and says 5 % where there is only one.
 
     Attributes
     ----------
@@ -116,10 +115,10 @@ class OneDistance:
 
         Raises
         ------
-        ValueError
+        TypeError, ValueError
             If `image` is no picture.
         """
-        size = _size_of(image)
+        size = size_of(image)
         if self.distance_m is None:
             return DepthMap(np.ones((1, 1)), kind="relative", image_size=size)
         std_m = self.distance_std_m
@@ -192,19 +191,10 @@ class OnGround:
 
         Raises
         ------
-        ValueError
+        TypeError, ValueError
             If `image` is no picture.
         """
-        return self._plane(_size_of(image))
+        return self._plane(size_of(image))
 
     def _plane(self, image_size: ImageSize) -> GroundPlane:
         return GroundPlane(image_size=image_size, **attrs.asdict(self))
-
-
-def _size_of(image: Any) -> ImageSize:
-    """Read the (width, height) of a picture."""
-    shape = cast("tuple[int, ...]", getattr(image, "shape", ()))
-    if len(shape) not in {2, 3} or 0 in shape:
-        msg = f"`image` must be a picture, (H, W, 3); got shape {shape}."
-        raise ValueError(msg)
-    return shape[1], shape[0]

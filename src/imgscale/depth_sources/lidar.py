@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from imgscale._checks import array_summary, as_known_image_size, own_floats
 from imgscale._typing import AnyFloatArray, FloatArray, ImageArray
 from imgscale.depth import DepthMap
+from imgscale.picture import size_of
 
 __all__ = ["LidarDepth", "depth_from_points"]
 
@@ -153,6 +154,10 @@ class LidarDepth:
         -------
         DepthMap
             As `depth_from_points` gives it.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `image` is no picture, or no point falls into it.
         """
-        height, width = image.shape[:2]
-        return depth_from_points(self.points, self.projection, (width, height))
+        return depth_from_points(self.points, self.projection, size_of(image))

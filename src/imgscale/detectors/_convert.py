@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Never
 
+import attrs
 from numpy.typing import ArrayLike, NDArray
 
 from imgscale._checks import four_numbers
+from imgscale._tensors import as_numpy
 from imgscale._typing import Box, ImageSize
 from imgscale.detection import Detection
 
@@ -42,7 +45,7 @@ def column(results: Mapping[str, Any], name: str, key: str, law: str, remedy: st
     listed = values.tolist() if hasattr(values, "tolist") else values
     if not hasattr(listed, "__len__"):
         msg = (
-            f'`{name}` must have {law}; got {sorted(results)}, "{key}" being '
+            f'`{name}` must have {law}; got {list(results)}, "{key}" being '
             f"{type(listed).__name__}. {remedy}"
         )
         raise ValueError(msg)
@@ -95,8 +98,17 @@ def make_detection(
     xyxy : (4,) sequence of float
         Its corners in pixels.
     image_size : (width, height), optional
-        Where known, the box is cut at the picture's border.
-    score, mask, partial, track_id, aliases
+        Where known, the box is cut at the picture's border, and a mask must have its shape.
+    score : float
+        As for `Detection`.
+    mask : (H, W) array_like of bool, optional
+        As for `Detection`; one that is empty inside the box, as detectors give now and then, is
+        left out.
+    partial : bool
+        As for `Detection`.
+    track_id : int or str, optional
+        As for `Detection`.
+    aliases : sequence of str
         As for `Detection`.
 
     Returns
@@ -112,24 +124,35 @@ def make_detection(
     try:
         box = four_numbers("xyxy", "four numbers (x1, y1, x2, y2)", xyxy)
         made = Detection(
-            label,
-            box,
-            score=score,
-            mask=mask,
-            partial=partial,
-            track_id=track_id,
-            aliases=aliases,
+            label, box, score=score, partial=partial, track_id=track_id, aliases=aliases
         )
+        inside = box if image_size is None else clip(box, image_size)
+        if inside is None:
+            _raise_outside(box, image_size)
+        made = made if inside == box else made.with_box(inside)
+        return made if mask is None else _with_mask(made, mask, image_size)
     except (TypeError, ValueError) as error:
         msg = f"{place}: {error}"
         raise type(error)(msg) from error
-    if image_size is None:
-        return made
-    inside = clip(box, image_size)
-    if inside is None:
-        msg = (
-            f"{place}: the box must overlap the picture, {image_size[0]} x {image_size[1]} px; got "
-            f"{box}. Is it in pixels of another picture, or of a resized one?"
-        )
+
+
+def _raise_outside(box: Box, image_size: ImageSize | None) -> Never:
+    width, height = image_size or (0, 0)
+    msg = (
+        f"the box must overlap the picture, {width} x {height} px; got {box}. Is it in pixels of "
+        "another picture, or of a resized one?"
+    )
+    raise ValueError(msg)
+
+
+def _with_mask(made: Detection, mask: ArrayLike, image_size: ImageSize | None) -> Detection:
+    """Add the mask, unless it is empty inside the box."""
+    pixels = as_numpy(mask)
+    if image_size and pixels.shape != image_size[::-1]:
+        msg = f"`mask` must have the shape of the picture, {image_size[::-1]}; got {pixels.shape}."
         raise ValueError(msg)
-    return made if inside == box else made.with_box(inside)
+    x1, y1, x2, y2 = made.xyxy
+    rows = slice(max(0, math.floor(y1)), max(0, math.ceil(y2)))
+    columns = slice(max(0, math.floor(x1)), max(0, math.ceil(x2)))
+    is_empty = pixels.ndim == 2 and not pixels[rows, columns].any()
+    return made if is_empty else attrs.evolve(made, mask=pixels)

@@ -20,6 +20,7 @@ from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
 from imgscale.detectors._files import (
     as_list,
+    as_table,
     identity,
     member,
     members,
@@ -178,7 +179,7 @@ def _pictures(dataset: Any) -> dict[int | str, _Picture]:
         raise TypeError(msg)
     pictures: dict[int | str, _Picture] = {}
     names: set[str] = set()
-    for index, entry in enumerate(members(dataset, "images")):
+    for index, entry in enumerate(members(as_table("dataset", dataset), "images")):
         with within(f"images[{index}]"):
             key, name = identity(entry, "id"), str(identity(entry, "file_name"))
             if key in pictures or name in names:

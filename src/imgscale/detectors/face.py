@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 
 import attrs
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from imgscale._checks import as_float, is_between, number_error
 from imgscale._typing import BoolArray, Box, FloatArray, ImageArray
 from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
+from imgscale.picture import upright_rgb
 
 __all__ = ["LABEL", "FaceDetector"]
 
@@ -121,7 +121,7 @@ class FaceDetector:
 
         Raises
         ------
-        ValueError
+        TypeError, ValueError
             If `image` is no such picture.
         """
         picture = _grey(image)
@@ -145,17 +145,9 @@ def _is_one_face(one: _Square, other: _Square) -> bool:
 
 def _grey(image: object) -> Image.Image:
     """Turn a picture into one of float brightness."""
-    array: NDArray[Any] = np.asarray(image)
-    if array.dtype != np.uint8 or array.ndim not in {2, 3} or array.shape[2:] not in {(), (3,)}:
-        msg = (
-            f"`image` must be (H, W, 3) uint8 RGB or (H, W) uint8 grey; got {array.shape} "
-            f"{array.dtype}. Convert it first."
-        )
-        raise ValueError(msg)
-    if array.size == 0:
-        msg = f"`image` must have pixels; got shape {array.shape}."
-        raise ValueError(msg)
-    return Image.fromarray(array).convert("L").convert("F")
+    if isinstance(image, np.ndarray) and image.ndim == 2:
+        image = np.stack([image] * 3, axis=-1)
+    return Image.fromarray(upright_rgb(image)).convert("L").convert("F")
 
 
 def _searched(picture: Image.Image, min_share: float) -> list[_Square]:

@@ -159,11 +159,13 @@ def _tables(data: Any) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Take the names of the categories and, empty where there are none, of the classes."""
     if isinstance(data, list):
         msg = (
-            "the results must be an object with `images` and `detection_categories`; got a list. "
+            "`data` must be an object with `images` and `detection_categories`; got a list. "
             "Boxes of a flat list in pixels go through Detection(label, (x1, y1, x2, y2))."
         )
         raise TypeError(msg)
-    categories = as_table("detection_categories", member(data, "detection_categories"))
+    categories = as_table(
+        "detection_categories", member(as_table("data", data), "detection_categories")
+    )
     classes = as_table("classification_categories", data.get("classification_categories") or {})
     return categories, classes
 
@@ -239,7 +241,11 @@ def _look_up(table: Mapping[str, Any], key: Any, name: str) -> str:
     if str(key) not in table:  # some tools write numbers where the format has strings
         msg = f"the category must be one of `{name}`; got {key!r}."
         raise ValueError(msg)
-    return str(table[str(key)])
+    label = table[str(key)]
+    if not isinstance(label, str):
+        msg = f"`{name}` must name its categories by strings; got {label!r}."
+        raise TypeError(msg)
+    return label
 
 
 def _corners(bbox: Any, size: ImageSize) -> Box:

@@ -9,8 +9,9 @@ models 2.0 and 3.0):
   one with the most ancestors; the others are aliases.
 - Parents are in no dependable order, and many are no kinds of the thing: "Face" and "Skateboard"
   have the parent "Person", "Car Wheel" has "Car", "Wheel" has "Machine". A parent therefore serves
-  as alias only where it is the last word or words of the name: "Sports Car" is a "Car", "Car Wheel"
-  a "Wheel". What remains without a prior is measured as an unknown object, and is no reference.
+  as alias only where it is the last word or words of the name ("Sports Car" is a "Car", "Car Wheel"
+  a "Wheel"), and for kinds of car and person that do not say so, such as "Coupe". What remains
+  without a prior is measured as an unknown object, and is no reference.
 - The young carry their elders' names: "Girl" comes with "Teen", "Boy" with "Person". Where a box
   has a name of young age, only names of that age are kept, so that a baby is never given the size
   of an adult, nor a teenager that of a child.
@@ -41,6 +42,21 @@ _AGES = (
     frozenset({"child", "kid", "boy", "girl"}),
     frozenset({"puppy", "kitten"}),
 )
+# Kinds whose names do not end with what they are.
+_KINDS = {
+    "car": {
+        "cab",
+        "convertible",
+        "coupe",
+        "hatchback",
+        "roadster",
+        "sedan",
+        "station wagon",
+        "taxi",
+    },
+    "person": {"adult", "female", "male", "man", "woman"},
+}
+_FARTHEST = 2.0  # ratios beyond it are pixels
 _MOST_BYTES = 5_242_880  # of Image.Bytes
 _QUALITIES = (95, 85, 75)
 
@@ -176,9 +192,9 @@ class RekognitionDetector:
 
     def __call__(self, image: ImageArray, /) -> list[Detection]:
         """Detect objects."""
-        height, width = upright_rgb(image).shape[:2]
-        size = (width, height)
-        response = self.client.detect_labels(Image={"Bytes": _as_jpeg(image)}, **self.options)
+        pixels = upright_rgb(image)
+        size = (pixels.shape[1], pixels.shape[0])
+        response = self.client.detect_labels(Image={"Bytes": _as_jpeg(pixels)}, **self.options)
         groups = _objects(response, size)
         return [_detection(group, size) for group in groups if clip(group[0].xyxy, size)]
 
@@ -230,7 +246,11 @@ def _of_one_age(group: list[_Instance]) -> list[_Instance]:
 def _kinds(instance: _Instance) -> list[str]:
     """Find the parents that the name ends with, the longest first: a "Sports Car" is a "Car"."""
     name = instance.name.casefold()
-    kinds = [parent for parent in instance.parents if name.endswith(f" {parent.casefold()}")]
+    kinds = [
+        parent
+        for parent in instance.parents
+        if name.endswith(f" {parent.casefold()}") or name in _KINDS.get(parent.casefold(), ())
+    ]
     return sorted(kinds, key=len, reverse=True)
 
 
@@ -289,6 +309,9 @@ def _labels(response: Any) -> Sequence[Any]:
             "Other operations are not read; Features, where given, must include GENERAL_LABELS."
         )
         raise ValueError(msg)
+    if found["Labels"] is None:
+        msg = "response.Labels must be a list; got None."
+        raise TypeError(msg)
     return _entries("response", found, "Labels")
 
 
@@ -334,15 +357,25 @@ def _box(place: str, value: Any, size: ImageSize) -> Box:
             f"{', '.join(missing)}."
         )
         raise ValueError(msg)
-    left, top, width, height = (box[side] for side in _SIDES)
-    try:
-        made = Detection.from_ratios(
-            "box", left=left, top=top, width=width, height=height, image_size=size
+    left, top, width, height = (as_float(box[side]) for side in _SIDES)
+    for side, ratio in zip(_SIDES, (left, top, width, height), strict=True):
+        lowest = -_FARTHEST if side in {"Left", "Top"} else 0.0
+        if not is_between(ratio, lowest, _FARTHEST):  # objects may go on beyond the picture
+            name = f"{place}.BoundingBox.{side}"
+            remedy = "Boxes in pixels go through Detection.from_xywh()."
+            raise number_error(name, "a ratio of the picture's size", ratio, remedy)
+    if not (width > 0 and height > 0):
+        msg = (
+            f"{place}.BoundingBox must have a positive Width and Height; got {(width, height)}. "
+            "Leave such entries out."
         )
-    except (TypeError, ValueError) as error:
-        msg = f"{place}.BoundingBox: {error}"
-        raise type(error)(msg) from error
-    return made.xyxy
+        raise ValueError(msg)
+    return (
+        left * size[0],
+        top * size[1],
+        (left + width) * size[0],
+        (top + height) * size[1],
+    )
 
 
 def _percent(place: str, value: Any) -> float:
