@@ -230,7 +230,7 @@ def test_the_runner_serves_measure():
 @pytest.mark.parametrize("threshold", [50, -0.1, float("nan"), "0.5"])
 def test_a_threshold_that_is_no_ratio_is_refused(threshold):
     with pytest.raises((ValueError, TypeError), match="`threshold` must be between 0 and 1"):
-        UltralyticsDetector(None, threshold=threshold)
+        UltralyticsDetector(Yolo(None), threshold=threshold)
 
 
 # --- torchvision: a dict per picture ---

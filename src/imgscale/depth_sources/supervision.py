@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import attrs
 import numpy as np
 
 from imgscale._checks import check_type
@@ -67,7 +66,7 @@ def from_supervision(
     Raises
     ------
     TypeError
-        If it is something else.
+        If it, or the camera of its disparity, is something else.
     ValueError
         If its kind is unknown or it holds no depth at all.
 
@@ -87,14 +86,15 @@ def from_supervision(
     >>> from_supervision(theirs).values
     array([[ 5., nan]])
     """
-    if not all(hasattr(depth_map, name) for name in ("to_float", "kind", "camera")):
+    parts = [hasattr(depth_map, name) for name in ("kind", "camera")]
+    if not (all(parts) and callable(getattr(depth_map, "to_float", None))):
         msg = (
             f"`depth_map` must be a supervision.DepthMap; got {type(depth_map).__name__}. Arrays "
             "go through DepthMap(values, kind=...)."
         )
         raise TypeError(msg)
     kind = getattr(depth_map.kind, "value", depth_map.kind)
-    if kind not in _KINDS:
+    if not isinstance(kind, str) or kind not in _KINDS:
         msg = f"`depth_map.kind` must be one of {', '.join(_KINDS)}; got {kind!r}."
         raise ValueError(msg)
     values, camera = depth_map.to_float(), depth_map.camera
@@ -102,14 +102,17 @@ def from_supervision(
         return DepthMap(
             values, kind=_KINDS[kind], image_size=image_size, scale_rel_std=scale_rel_std
         )
-    metric = DepthMap.from_disparity(
+    if not all(hasattr(camera, name) for name in ("fx_px", "baseline_m", "doffs_px")):
+        msg = f"`depth_map.camera` must be a supervision.DepthCamera; got {type(camera).__name__}."
+        raise TypeError(msg)
+    return DepthMap.from_disparity(
         values,
         focal_px=camera.fx_px,
         baseline_m=camera.baseline_m,
         doffs_px=camera.doffs_px,
         image_size=image_size,
+        scale_rel_std=scale_rel_std,
     )
-    return attrs.evolve(metric, scale_rel_std=scale_rel_std)
 
 
 def to_supervision(depth: DepthMap) -> Any:

@@ -14,14 +14,15 @@ from typing import Any, cast
 import attrs
 import numpy as np
 
-from imgscale._checks import as_float, as_optional_float, check_choice, non_negative
-from imgscale._depth_values import METRIC_SCALES, VALUE_KINDS, refuse_integers
+from imgscale._checks import as_array, as_float, as_optional_float, check_choice, non_negative
+from imgscale._depth_values import VALUE_KINDS
 from imgscale._optional import require
 from imgscale._tensors import as_numpy
 from imgscale._typing import AnyFloatArray, DepthKind, ImageArray
 from imgscale.camera import Camera
 from imgscale.depth_map import DepthMap
 from imgscale.errors import MissingDependencyError
+from imgscale.picture import upright_rgb
 
 __all__ = ["TransformersDepth", "from_transformers", "kind_of"]
 
@@ -132,8 +133,8 @@ def from_transformers(
     Raises
     ------
     ValueError
-        If the result has no "predicted_depth", is of several pictures, or is declared metric and
-        holds integers or Depth Pro's output without the picture's size.
+        If the result has no "predicted_depth", holds no floats, is of several pictures, or is
+        declared metric and is Depth Pro's output without the picture's size.
     TypeError
         If it is no dict.
 
@@ -148,7 +149,6 @@ def from_transformers(
     values = _predicted_depth(result)
     if kind == "metric":
         _check_post_processed(result)
-        refuse_integers("predicted_depth", values, METRIC_SCALES)
         values = np.where(values >= _SKY_M, np.nan, values)
     elif kind == "affine_inverse":
         # every such network of `kind_of` ends in a ReLU: 0 is farther than it tells, not a value
@@ -167,11 +167,19 @@ def _predicted_depth(result: Any) -> AnyFloatArray:
         raise TypeError(msg)
     found = cast("Mapping[str, Any]", result)
     if "predicted_depth" not in found:
-        msg = f'`result` must have "predicted_depth"; got {sorted(found)}.'
+        msg = f'`result` must have "predicted_depth"; got {list(found)}.'
         if "depth" in found:
             msg += ' "depth" has 8 bits, stretched for display: no depth can be read from it.'
         raise ValueError(msg)
-    values = as_numpy(found["predicted_depth"])
+    given: Any = found["predicted_depth"]
+    array: Any = as_numpy(given) if hasattr(given, "detach") else given
+    values = as_array("predicted_depth", "an array of shape (H, W)", array)
+    if values.dtype.kind != "f":
+        msg = (
+            f"`predicted_depth` must be floating point; got dtype {values.dtype}. Pass what the "
+            "network gave, not a picture of it."
+        )
+        raise ValueError(msg)
     if values.ndim == 3 and values.shape[0] == 1:
         values = values[0]
     if values.ndim != 2:
@@ -202,7 +210,17 @@ def _check_processor(_: object, __: attrs.Attribute[Any], value: object) -> None
         raise TypeError(msg)
 
 
+def _check_model(value: object) -> None:
+    if not hasattr(value, "config"):
+        msg = (
+            f"`model` must have a configuration, `config`; got {type(value).__name__}. Load one "
+            "with AutoModelForDepthEstimation, or pass a pipeline's `pipe.model`."
+        )
+        raise TypeError(msg)
+
+
 def _kind_of_model(source: TransformersDepth) -> DepthKind:
+    _check_model(source.model)
     return kind_of(source.model.config)
 
 
@@ -237,7 +255,7 @@ class TransformersDepth:
     ValueError
         If the kind is omitted and the configuration does not tell it.
     TypeError
-        If the image processor cannot post-process depth.
+        If the model has no configuration, or the image processor cannot post-process depth.
 
     Examples
     --------
@@ -263,6 +281,9 @@ class TransformersDepth:
         default=0.25, kw_only=True, converter=as_float, validator=non_negative
     )
 
+    def __attrs_post_init__(self) -> None:
+        _check_model(self.model)
+
     def __call__(self, image: ImageArray, /) -> DepthMap:
         """
         Give the depth.
@@ -279,6 +300,8 @@ class TransformersDepth:
 
         Raises
         ------
+        ValueError, TypeError
+            If it is no such picture.
         MissingDependencyError
             If the model is a ZoeDepth and torchvision is absent, which its post-processing needs.
         """
@@ -304,7 +327,7 @@ class TransformersDepth:
 
         Raises
         ------
-        MissingDependencyError
+        ValueError, TypeError, MissingDependencyError
             As the call does.
 
         Notes
@@ -312,8 +335,9 @@ class TransformersDepth:
         Depth Pro's depth is its focal length times what it saw, so the two err together and the
         error cancels from sizes: to treat them as two witnesses is on the safe side.
         """
-        result = self._run(image)
-        size = (image.shape[1], image.shape[0])
+        picture = upright_rgb(image)
+        result = self._run(picture)
+        size = (picture.shape[1], picture.shape[0])
         depth = from_transformers(
             result, kind=self.kind, scale_rel_std=self.scale_rel_std, image_size=size
         )

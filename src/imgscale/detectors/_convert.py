@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Never
 
 import attrs
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imgscale._checks import four_numbers
+from imgscale._checks import as_float, four_numbers
 from imgscale._tensors import as_numpy
 from imgscale._typing import Box, ImageSize
 from imgscale.detection import Detection
@@ -156,3 +157,73 @@ def _with_mask(made: Detection, mask: ArrayLike, image_size: ImageSize | None) -
     columns = slice(max(0, math.floor(x1)), max(0, math.ceil(x2)))
     is_empty = pixels.ndim == 2 and not pixels[rows, columns].any()
     return made if is_empty else attrs.evolve(made, mask=pixels)
+
+
+def as_numbers(name: str, values: Any, shape: Sequence[int | str]) -> NDArray[Any]:
+    """
+    Turn a foreign column into an array of numbers, or say under its name what it must be.
+
+    Parameters
+    ----------
+    name : str
+        Its name, for the message.
+    values : tensor, array or list
+        The column.
+    shape : sequence of int or str
+        Its lawful shape; a letter stands for any length.
+
+    Returns
+    -------
+    ndarray
+        The same, of its own number type.
+
+    Raises
+    ------
+    ValueError
+        If it is something else.
+    """
+    try:
+        array = as_numpy(values)
+    except ValueError:  # rows of unequal length
+        array = np.empty((), dtype=object)
+    lengths = zip(array.shape, shape, strict=False)
+    if (
+        array.ndim != len(shape)
+        or array.dtype.kind not in "biuf"
+        or any(length != law for length, law in lengths if isinstance(law, int))
+        or array.size < len(array)  # entries that hold nothing
+    ):
+        seen = f"{array.shape} {array.dtype}" if array.ndim else type(values).__name__
+        msg = f"`{name}` must have shape ({', '.join(map(str, shape))}), of numbers; got {seen}."
+        raise ValueError(msg)
+    return array
+
+
+def whole_number(place: str, name: str, number: Any) -> int:
+    """
+    Read a number that counts classes or tracks, which some backends give as a float.
+
+    Parameters
+    ----------
+    place : str
+        Where it stands, for the message: "result[3]".
+    name : str
+        Its name, for the message.
+    number : number
+        What the backend gives.
+
+    Returns
+    -------
+    int
+        The same.
+
+    Raises
+    ------
+    ValueError
+        If it is not whole.
+    """
+    value: object = as_float(number)
+    if not (isinstance(value, float) and value.is_integer()):
+        msg = f"{place}: `{name}` must be a whole number; got {value!r}."
+        raise ValueError(msg)
+    return int(number)

@@ -8,7 +8,8 @@ Boxes are read as half-open pixels, as detectors give them. Boxes that were made
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, cast
 
 import numpy as np
@@ -16,10 +17,9 @@ from numpy.typing import NDArray
 
 from imgscale._checks import as_image_size, check_iterable, check_type
 from imgscale._optional import require
-from imgscale._tensors import as_numpy
 from imgscale._typing import BoolArray, FloatArray
 from imgscale.detection import Detection, check_detections
-from imgscale.detectors._convert import make_detection
+from imgscale.detectors._convert import make_detection, whole_number
 from imgscale.estimate import SizeEstimate
 
 __all__ = ["from_supervision", "to_supervision", "with_sizes"]
@@ -59,8 +59,8 @@ def from_supervision(
     TypeError
         If it is something else, a name is no string, or a mask not boolean.
     ValueError
-        If a class has no name, or an entry is no detection; the message names its place, such as
-        "detections[3]".
+        If a class has no name, a column not one entry for each box, or an entry is no detection;
+        the message names its place, such as "detections[3]".
 
     Examples
     --------
@@ -76,8 +76,7 @@ def from_supervision(
     """
     _check_supervision(detections)
     size = as_image_size(image_size)
-    boxes = as_numpy(detections.xyxy)
-    labels = _labels(detections, len(boxes), class_names)
+    labels = _labels(detections, class_names)
     return [
         make_detection(
             f"detections[{index}]",
@@ -88,7 +87,7 @@ def from_supervision(
             mask=None if detections.mask is None else detections.mask[index],
             track_id=None if detections.tracker_id is None else _track_id(detections, index),
         )
-        for index, box in enumerate(boxes)
+        for index, box in enumerate(detections.xyxy)
     ]
 
 
@@ -206,24 +205,36 @@ def _check_supervision(value: Any) -> None:
             "of other libraries have converters of their own."
         )
         raise TypeError(msg)
-    for field in (*fields[1:-1], _NAMES):  # plain attributes, which anybody may have set
-        column = value.data.get(field) if field == _NAMES else getattr(value, field)
-        if column is not None and len(column) != len(value.xyxy):
-            msg = (
-                f"`detections` must hold one `{field}` for each of {len(value.xyxy)} boxes; got "
-                f"{len(column)}."
-            )
+    data: object = value.data
+    if not isinstance(data, Mapping):
+        msg = f"`detections` must hold a dict as `data`; got {type(data).__name__}."
+        raise TypeError(msg)
+    columns = {field: getattr(value, field) for field in fields[1:-1]}
+    columns[_NAMES] = cast("Mapping[str, Any]", data).get(_NAMES)
+    count = _length("xyxy", value.xyxy)
+    for name, column in columns.items():  # plain attributes, which anybody may have set
+        length = count if column is None else _length(name, column)
+        if length != count:
+            msg = f"`detections` must hold one `{name}` for each of {count} boxes; got {length}."
             raise ValueError(msg)
 
 
-def _labels(
-    detections: Any, count: int, class_names: Mapping[int, str] | Sequence[str] | None
-) -> list[Any]:
+def _length(name: str, column: Any) -> int:
+    """Count the entries of a column; text and dicts have a length too, but are none."""
+    got = type(column).__name__
+    with suppress(TypeError):  # a number, or an array without rows
+        if not isinstance(column, (str, bytes, Mapping)):
+            return len(column)
+    msg = f"`detections` must hold an array as `{name}`; got {got}."
+    raise TypeError(msg)
+
+
+def _labels(detections: Any, class_names: Mapping[int, str] | Sequence[str] | None) -> list[Any]:
     """Find the name of each detection, in its data or by its class id."""
     names = detections.data.get(_NAMES)
     if names is not None:
         return [str(name) if isinstance(name, str) else name for name in names]
-    if count == 0:
+    if len(detections.xyxy) == 0:
         return []
     if class_names is None or detections.class_id is None:
         got = "neither" if detections.class_id is None else "class ids alone"
@@ -246,11 +257,12 @@ def _as_mapping(class_names: Mapping[int, str] | Sequence[str]) -> Mapping[Any, 
     if isinstance(class_names, str):
         msg = f"`class_names` must map ids to names, or list them; got the string {class_names!r}."
         raise TypeError(msg)
+    check_iterable("class_names", class_names, "str")
     return dict(enumerate(class_names))
 
 
 def _name_of(names: Mapping[Any, str], class_id: Any, place: str) -> str:
-    if class_id not in names:
+    if not isinstance(class_id, Hashable) or class_id not in names:
         listed = ", ".join(map(str, names)) or "none"
         msg = f"`class_names` must name class {class_id} of {place}; got names for {listed}."
         raise ValueError(msg)
@@ -260,12 +272,10 @@ def _name_of(names: Mapping[Any, str], class_id: Any, place: str) -> str:
 def _track_id(detections: Any, index: int) -> int | None:
     """Read a tracker's id as int; a negative one stands for no track."""
     number = detections.tracker_id[index]
-    if number is None or number < 0:
+    if number is None:
         return None
-    if int(number) != number:
-        msg = f"detections[{index}]: `tracker_id` must be a whole number; got {number}."
-        raise ValueError(msg)
-    return int(number)
+    track = whole_number(f"detections[{index}]", "tracker_id", number)
+    return None if track < 0 else track
 
 
 def _masks(detections: Sequence[Detection]) -> BoolArray | None:

@@ -10,11 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
-from imgscale._checks import as_image_size, as_optional_float, is_between, number_error
-from imgscale._tensors import as_numpy
+from imgscale._checks import (
+    as_image_size,
+    as_optional_float,
+    check_iterable,
+    is_between,
+    number_error,
+)
 from imgscale._typing import BoolArray
 from imgscale.detection import Detection
-from imgscale.detectors._convert import column, make_detection
+from imgscale.detectors._convert import as_numbers, column, make_detection
 
 __all__ = ["from_torchvision"]
 
@@ -54,8 +59,8 @@ def from_torchvision(
     Raises
     ------
     ValueError
-        If a part is missing, a label has no name, or the categories do not begin with the
-        background.
+        If a part is missing or of another shape, a label has no name, or the categories do not
+        begin with the background.
     TypeError
         If the output is a list, one per picture, as the model returns, or something else, or if
         masks come without a threshold.
@@ -88,7 +93,7 @@ def from_torchvision(
             names[i],
             boxes[i],
             score=scores[i],
-            mask=None if masks is None or not masks[i].any() else masks[i],
+            mask=None if masks is None else masks[i],
             image_size=size,
         )
         for i in range(len(boxes))
@@ -113,6 +118,7 @@ def _column(output: Any, key: str) -> Any:
 
 def _names(labels: Sequence[Any], categories: Sequence[str]) -> list[str]:
     """Name each label number, sure that 0 is the background's."""
+    check_iterable("categories", categories, "str")
     known = list(categories)
     if not known or str(known[0]).strip("_").casefold() != "background":
         msg = (
@@ -132,14 +138,11 @@ def _names(labels: Sequence[Any], categories: Sequence[str]) -> list[str]:
 
 def _masks(output: Mapping[str, Any], threshold: float | None, count: int) -> BoolArray | None:
     """Cut probabilities into masks, (n, H, W)."""
-    if "masks" not in output:
+    if output.get("masks") is None:
         return None
     level = as_optional_float(threshold)
     if not (level and is_between(level, 0, 1)):
         law = "above 0 and at most 1 where the output has masks"
         raise number_error("mask_threshold", law, level, "torchvision suggests 0.5.")  # noqa: EM101 - a name
-    masks = as_numpy(output["masks"]) >= level
-    if masks.ndim != 4 or masks.shape[:2] != (count, 1):
-        msg = f'`output["masks"]` must have shape ({count}, 1, H, W); got {masks.shape}.'
-        raise ValueError(msg)
-    return masks[:, 0]
+    shares = as_numbers('output["masks"]', output["masks"], (count, 1, "H", "W"))
+    return shares[:, 0] >= level

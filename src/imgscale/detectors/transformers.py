@@ -17,6 +17,7 @@ from imgscale._optional import require
 from imgscale._typing import ImageArray, ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import column, make_detection
+from imgscale.picture import upright_rgb
 
 __all__ = ["TransformersDetector", "from_transformers"]
 
@@ -137,20 +138,21 @@ def _names(results: Mapping[str, Any], id2label: Mapping[int, str] | None) -> An
     if results.get("text_labels") is not None:
         return _column(results, "text_labels")
     labels = _column(results, "labels")
-    if id2label is None:
+    known = id2label if isinstance(id2label, Mapping) else None
+    if known is None:
         msg = (
-            "`id2label` must be given where labels are numbers; got None. Pass "
-            "id2label=model.config.id2label."
+            f"`id2label` must map numbers to names where labels are numbers; got {id2label!r}. "
+            "Pass id2label=model.config.id2label."
         )
         raise ValueError(msg)
     for index, label in enumerate(labels):
-        if not isinstance(label, int) or label not in id2label:
+        if not isinstance(label, int) or label not in known:
             msg = (
                 f"results[{index}]: `id2label` must name label {label!r}; got names of "
-                f"{len(id2label)} others. Take it from the model that detected."
+                f"{len(known)} others. Take it from the model that detected."
             )
             raise ValueError(msg)
-    return [id2label[label] for label in labels]
+    return [known[label] for label in labels]
 
 
 def _check_processor(_: object, __: attrs.Attribute[Any], value: object) -> None:
@@ -169,7 +171,8 @@ class TransformersDetector:
     Run an object detector of transformers; it satisfies `Detector`.
 
     The model stays on its device and in its number type; pictures follow it. Boxes keep their
-    fractions and are cut at the picture's border; those wholly outside the picture are dropped.
+    fractions and are cut at the picture's border; those without an area inside the picture are left
+    out.
 
     Attributes
     ----------
@@ -185,7 +188,8 @@ class TransformersDetector:
     ValueError
         If the threshold is not between 0 and 1.
     TypeError
-        If the image processor cannot post-process object detection.
+        If the model has no configuration, or the image processor cannot post-process object
+        detection.
 
     Examples
     --------
@@ -200,6 +204,14 @@ class TransformersDetector:
     image_processor: Any = attrs.field(repr=False, validator=_check_processor)
     threshold: float = attrs.field(kw_only=True, converter=as_float, validator=share)
 
+    def __attrs_post_init__(self) -> None:
+        if not hasattr(self.model, "config"):
+            msg = (
+                f"`model` must have a configuration, `config`; got {type(self.model).__name__}. "
+                "Load one with AutoModelForObjectDetection, or pass a pipeline's `pipe.model`."
+            )
+            raise TypeError(msg)
+
     def __call__(self, image: ImageArray, /) -> list[Detection]:
         """
         Detect objects.
@@ -213,11 +225,19 @@ class TransformersDetector:
         -------
         list of Detection
             What overlaps the picture, in the model's order.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If it is no such picture.
+        MissingDependencyError
+            If PyTorch is not installed.
         """
         torch = require("torch", extra="transformers", purpose="TransformersDetector")
-        height, width = image.shape[:2]
+        picture = upright_rgb(image)
+        height, width = picture.shape[:2]
         inputs = self.image_processor(
-            images=image, return_tensors="pt", input_data_format="channels_last"
+            images=picture, return_tensors="pt", input_data_format="channels_last"
         ).to(self.model.device, self.model.dtype)
         with torch.inference_mode():
             outputs = self.model(**inputs)
@@ -225,6 +245,7 @@ class TransformersDetector:
             outputs, threshold=self.threshold, target_sizes=[(height, width)]
         )
         x1, y1, x2, y2 = found["boxes"].unbind(-1)
+        flat = (x1 == x2) | (y1 == y2)
         outside = (x2 <= 0) | (y2 <= 0) | (x1 >= width) | (y1 >= height)
-        seen = {key: found[key][~outside] for key in ("boxes", "scores", "labels")}
+        seen = {key: found[key][~(flat | outside)] for key in ("boxes", "scores", "labels")}
         return _from_columns(seen, self.model.config.id2label, (width, height))

@@ -9,16 +9,16 @@ grey bars; pictures as arrays are BGR. Written against 8.4 and its sources, with
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, cast
 
 import attrs
 import numpy as np
 
-from imgscale._checks import as_float, share
-from imgscale._tensors import as_numpy
-from imgscale._typing import BoolArray, ImageArray, IntArray
+from imgscale._checks import as_float, as_known_image_size, share
+from imgscale._typing import BoolArray, ImageArray, ImageSize, IntArray
 from imgscale.detection import Detection
-from imgscale.detectors._convert import make_detection
+from imgscale.detectors._convert import as_numbers, make_detection, whole_number
+from imgscale.picture import upright_rgb
 
 __all__ = ["UltralyticsDetector", "from_ultralytics"]
 
@@ -42,8 +42,8 @@ def from_ultralytics(result: Any) -> list[Detection]:
     Raises
     ------
     ValueError
-        If the result has no upright boxes (oriented boxes, a class of the whole picture), or a
-        class without a name.
+        If the result has no upright boxes (oriented boxes, a class of the whole picture), a class
+        without a name, a part of another shape, or an entry that is no detection.
     TypeError
         If it is a list of results, as the model returns, or something else.
 
@@ -69,23 +69,25 @@ def from_ultralytics(result: Any) -> list[Detection]:
     (10.5, 20.0, 110.5, 70.0)
     """
     boxes = _boxes(result)
-    height, width = (int(length) for length in result.orig_shape)
-    # `tolist` knows every number type, device and gradient
-    corners, scores, classes = (column.tolist() for column in (boxes.xyxy, boxes.conf, boxes.cls))
-    absent: list[Any] = [None] * len(corners)
+    size = _size(result)
+    corners = as_numbers("result.boxes.xyxy", boxes.xyxy, ("n", 4))
+    count = len(corners)
+    scores = as_numbers("result.boxes.conf", boxes.conf, (count,))
+    classes = as_numbers("result.boxes.cls", boxes.cls, (count,))
+    absent: list[Any] = [None] * count
+    tracks = absent if boxes.id is None else as_numbers("result.boxes.id", boxes.id, (count,))
     segments: Any = getattr(result, "masks", None)
-    tracks: list[Any] = absent if boxes.id is None else boxes.id.tolist()
-    masks = absent if segments is None else _masks(segments.data, (height, width))
+    masks = absent if segments is None else _masks(segments, count, size)
     rows = zip(corners, scores, classes, tracks, masks, strict=True)
     return [
         make_detection(
             f"result[{i}]",
-            _name(result.names, int(number), f"result[{i}]"),
+            _name(result, number, f"result[{i}]"),
             box,
             score=score,
             mask=mask,
-            track_id=None if track is None else int(track),
-            image_size=(width, height),
+            track_id=None if track is None else whole_number(f"result[{i}]", "id", track),
+            image_size=size,
         )
         for i, (box, score, number, track, mask) in enumerate(rows)
     ]
@@ -102,8 +104,11 @@ def _boxes(result: Any) -> Any:
     if not hasattr(result, "boxes") or not hasattr(result, "orig_shape"):
         msg = f"`result` must be an ultralytics Results; got {type(result).__name__}."
         raise TypeError(msg)
-    if result.boxes is not None:
+    if all(hasattr(result.boxes, name) for name in ("xyxy", "conf", "cls", "id")):
         return result.boxes
+    if result.boxes is not None:
+        msg = f"`result.boxes` must be ultralytics Boxes; got {type(result.boxes).__name__}."
+        raise TypeError(msg)
     if getattr(result, "obb", None) is not None:
         msg = (
             "`result` must have upright boxes; got oriented ones (obb). The size of an object is "
@@ -114,26 +119,40 @@ def _boxes(result: Any) -> Any:
     raise ValueError(msg)
 
 
-def _name(names: Mapping[int, str], number: int, place: str) -> str:
-    if number not in names:
-        msg = f"{place}: `names` must have class {number}; got {len(names)} others."
+def _size(result: Any) -> ImageSize:
+    """Read the picture's size."""
+    try:
+        height, width = result.orig_shape
+        return as_known_image_size((width, height))
+    except (TypeError, ValueError) as error:
+        msg = f"`result.orig_shape` must be (height, width) in pixels; got {result.orig_shape!r}."
+        raise ValueError(msg) from error
+
+
+def _name(result: Any, number: Any, place: str) -> str:
+    """Name a class."""
+    known = getattr(result, "names", None)
+    names = cast("Mapping[int, str]", known if isinstance(known, Mapping) else {})
+    whole = whole_number(place, "cls", number)
+    if whole not in names:
+        msg = f"{place}: `names` must have class {whole}; got {len(names)} others."
         raise ValueError(msg)
-    return names[number]
+    return names[whole]
 
 
-def _masks(data: Any, shape: tuple[int, int]) -> Iterator[BoolArray | None]:
+def _masks(segments: Any, count: int, size: ImageSize) -> Iterator[BoolArray]:
     """
     Bring masks from the network's input to the picture.
 
     The polygons beside them, `masks.xy`, lose holes and join or lose the parts of an object.
     """
-    masks: BoolArray = as_numpy(data) > 0
-    padded = masks.shape[1:]
+    data = getattr(segments, "data", segments)
+    masks: BoolArray = as_numbers("result.masks.data", data, (count, "H", "W")) > 0
+    shape, padded = size[::-1], masks.shape[1:]
     gain = min(padded[0] / shape[0], padded[1] / shape[1])
     rows, columns = (_shown_at(*lengths, gain) for lengths in zip(shape, padded, strict=True))
     for mask in masks:
-        upright = mask[rows[:, np.newaxis], columns]
-        yield upright if upright.any() else None
+        yield mask[rows[:, np.newaxis], columns]
 
 
 def _shown_at(length: int, padded: int, gain: float) -> IntArray:
@@ -144,13 +163,22 @@ def _shown_at(length: int, padded: int, gain: float) -> IntArray:
     return middles.astype(np.intp)
 
 
+def _check_model(_: object, __: attrs.Attribute[Any], value: object) -> None:
+    if not callable(value):
+        msg = (
+            f"`model` must be callable with a picture; got {type(value).__name__}. Load one with "
+            "ultralytics.YOLO(weights)."
+        )
+        raise TypeError(msg)
+
+
 @attrs.frozen
 class UltralyticsDetector:
     """
     Run an ultralytics model; it satisfies `Detector`.
 
-    The model gets the picture as BGR, the order that it takes arrays for. Boxes without a part
-    inside the picture are dropped.
+    The model gets the picture as BGR, the order that it takes arrays for. Boxes without an area
+    inside the picture are left out.
 
     Attributes
     ----------
@@ -163,6 +191,8 @@ class UltralyticsDetector:
     ------
     ValueError
         If the threshold is not between 0 and 1.
+    TypeError
+        If the model cannot be called.
 
     Examples
     --------
@@ -171,7 +201,7 @@ class UltralyticsDetector:
     >>> detector = UltralyticsDetector(YOLO(weights), threshold=0.5)  # doctest: +SKIP
     """
 
-    model: Any = attrs.field(repr=False)
+    model: Any = attrs.field(repr=False, validator=_check_model)
     threshold: float = attrs.field(kw_only=True, converter=as_float, validator=share)
 
     def __call__(self, image: ImageArray, /) -> list[Detection]:
@@ -187,10 +217,17 @@ class UltralyticsDetector:
         -------
         list of Detection
             What overlaps the picture, in the model's order.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If it is no such picture, or the model says something else than `from_ultralytics`
+            reads.
         """
-        bgr = np.ascontiguousarray(image[..., ::-1])
+        bgr = np.ascontiguousarray(upright_rgb(image)[..., ::-1])
         (result,) = self.model(bgr, conf=self.threshold, verbose=False)
-        height, width = image.shape[:2]
+        height, width = bgr.shape[:2]
         x1, y1, x2, y2 = _boxes(result).xyxy.T
+        flat = (x1 == x2) | (y1 == y2)
         outside = (x2 <= 0) | (y2 <= 0) | (x1 >= width) | (y1 >= height)
-        return from_ultralytics(result[~outside])
+        return from_ultralytics(result[~(flat | outside)])
