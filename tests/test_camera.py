@@ -339,6 +339,7 @@ def test_a_matrix_of_a_stretched_picture_needs_to_be_told_so():
         np.eye(4),
         [[800, 0, 480], [0, 800, 360]],
         [[800, 0, 480], [3, 800, 360], [0, 0, 1]],
+        [[800, 300, 480], [0, 800, 360], [0, 0, 1]],
         [[800, 0, 0], [0, 800, 0], [480, 360, 1]],
         [[800, 0, 480], [0, 800, 360], [0, 0, 2]],
     ],
@@ -353,3 +354,10 @@ def test_a_matrix_without_a_focal_length_is_refused(focal):
     matrix = [[focal, 0, 480], [0, focal, 360], [0, 0, 1]]
     with pytest.raises(ValueError, match="`focal_px` must be finite and positive"):
         Camera.from_matrix(matrix, focal_rel_std=0.1, image_size=(960, 720))
+
+
+@pytest.mark.parametrize("of_size", [(0, 1), (504.5, 378), "504x378"])
+def test_a_wrong_size_of_the_matrix_is_refused_by_its_name(of_size):
+    matrix = [[800, 0, 480], [0, 800, 360], [0, 0, 1]]
+    with pytest.raises(ValueError, match=r"`of_size` must be \(width, height\)"):
+        Camera.from_matrix(matrix, focal_rel_std=0.1, image_size=(960, 720), of_size=of_size)

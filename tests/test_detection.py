@@ -574,3 +574,15 @@ def test_aliases_must_be_strings(aliases):
 def test_another_box_leaves_the_rest_as_it_is():
     car = Detection("car", (0, 0, 9, 9), score=0.5, track_id=3, aliases=("auto",))
     assert car.with_box((1, 1, 5, 6)) == attrs.evolve(car, xyxy=(1.0, 1.0, 5.0, 6.0))
+
+
+def test_every_constructor_takes_further_names():
+    names = {"aliases": ("car",)}
+    built = [
+        Detection.from_xywh("suv", (0, 0, 9, 9), **names),
+        Detection.from_min_max_rc("suv", (0, 0, 9, 9), **names),
+        Detection.from_ratios(
+            "suv", left=0, top=0, width=0.5, height=0.5, image_size=(18, 18), **names
+        ),
+    ]
+    assert built == [Detection("suv", (0, 0, 9, 9), **names)] * 3

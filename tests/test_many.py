@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import traceback
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from PIL import Image
 
 import imgscale as ims
+from imgscale.depth_sources import OneDistance
 
 DOOR = ims.Detection("door", (20, 10, 40, 60))  # 50 px high
 BOX = ims.Detection("box", (60, 40, 90, 70))  # 30 px
@@ -297,3 +299,89 @@ for outcome in ims.measure_many({paths},
     os.close(ours)
     assert process.returncode == 0, shown
     assert b"2/2" in shown
+
+
+# --- what must not happen in silence ---
+
+
+def test_one_entry_does_not_serve_two_pictures(tmp_path):
+    paths = []
+    for camera in ("cam1", "cam2"):
+        (tmp_path / camera).mkdir()
+        paths += pictures(tmp_path / camera, 1)
+    record = tmp_path / "sizes.jsonl"
+    first, second = run(paths, {"0.png": [DOOR]}, record=record)
+    assert first.measurement is not None
+    assert "must tell" in str(second.error)
+    assert str(paths[0]) in str(second.error)
+    (again,) = run(paths, {"0.png": [DOOR]}, record=record)
+    assert "must tell" in str(again.error)
+    both = run(paths, {"cam1/0.png": [DOOR], "cam2/0.png": [DOOR, BOX]})
+    assert [len(outcome.measurement.detections) for outcome in both] == [1, 2]
+
+
+def test_no_sizes_at_all_are_not_the_shipped_sizes_in_a_record(tmp_path):
+    record = tmp_path / "sizes.jsonl"
+    paths = pictures(tmp_path, 1)
+    run(paths, Counting(), record=record, priors=ims.PriorTable([]))
+    with pytest.raises(ValueError, match="made with other priors"):
+        run(paths, Counting(), record=record, priors=None)
+
+
+def test_another_depth_source_of_this_package_is_noticed(tmp_path):
+    record = tmp_path / "sizes.jsonl"
+    paths = pictures(tmp_path, 1)
+
+    def sized_at(distance_m):
+        source = OneDistance(distance_m)
+        options = {"detector": Counting(), "depth_source": source, "record": record}
+        return list(ims.measure_many(paths, **options, **OPTIONS))
+
+    sized_at(1.0)
+    assert sized_at(1.0) == []
+    with pytest.raises(ValueError, match="made with other depth_source"):
+        sized_at(50.0)
+
+
+@pytest.mark.parametrize("bad", [3, b"a.png", None, np.zeros((2, 2, 3), np.uint8)], ids=str)
+def test_what_is_no_path_is_an_outcome_and_the_next_one_follows(tmp_path, bad):
+    record = tmp_path / "sizes.jsonl"
+    (good,) = pictures(tmp_path, 1)
+    first, second = run([bad, good], Counting(), record=record)
+    assert isinstance(first.error, TypeError)
+    assert "`paths` must hold paths" in str(first.error)
+    assert second.measurement is not None
+    assert len(rows(record)) == 2
+
+
+@pytest.mark.parametrize("paths", [None, 7, b"a.png"])
+def test_what_is_no_sequence_of_paths_is_refused_at_once(paths):
+    with pytest.raises(TypeError, match="`paths` must be a sequence"):
+        ims.measure_many(paths, detector=Counting(), depth_source=flat)
+
+
+def test_failed_outcomes_do_not_keep_their_pictures(tmp_path):
+    (outcome,) = run(pictures(tmp_path, 1), lambda _: [BOX])
+    error, held = outcome.error, []
+    while error:
+        for frame, _ in traceback.walk_tb(error.__traceback__):
+            held += [value for value in frame.f_locals.values() if isinstance(value, np.ndarray)]
+        error = error.__cause__ or error.__context__
+    assert held == []
+
+
+@pytest.mark.parametrize("length", [1, 5, 10])
+def test_a_header_that_was_cut_is_written_anew(tmp_path, length):
+    record = tmp_path / "sizes.jsonl"
+    paths = pictures(tmp_path, 1)
+    run(paths, Counting(), record=record)
+    whole = record.read_bytes()
+    record.write_bytes(whole[:length])
+    run(paths, Counting(), record=record)
+    assert record.read_bytes() == whole
+
+
+def test_an_outcome_is_a_measurement_or_an_error():
+    for given in ({}, {"measurement": object(), "error": ValueError("no")}):
+        with pytest.raises(ValueError, match="`measurement` or `error` must be given"):
+            ims.Outcome(path="a.png", **given)

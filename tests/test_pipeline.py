@@ -1,6 +1,7 @@
 """The whole chain on one picture: what detectors see, what comes back, and what is refused."""
 
 import json
+import typing
 
 import attrs
 import numpy as np
@@ -417,3 +418,29 @@ def test_the_record_of_a_measurement_is_plain_json_and_rebuilds_its_model(tmp_pa
 
 def test_an_array_has_no_name():
     assert measure(picture()).name == ""
+
+
+def test_a_pair_of_another_length_is_refused():
+    depth = flat(picture())
+    for pair in ((depth,), (depth, None, None)):
+        with pytest.raises(TypeError, match=r"a pair of depth and camera; got a tuple of \d"):
+            measure(picture(), depth_source=lambda _, pair=pair: pair)
+
+
+def test_a_picture_beyond_what_pillow_opens_is_refused_with_the_remedy(tmp_path, monkeypatch):
+    path = tmp_path / "large.png"
+    Image.fromarray(picture()).save(path)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
+    with pytest.raises(ValueError, match=r"too large to be opened: .*MAX_IMAGE_PIXELS"):
+        measure(path)
+
+
+def test_the_level_of_a_table_without_rows_is_checked_too():
+    empty = attrs.evolve(measure(picture()), estimates=(), detections=())
+    with pytest.raises(ValueError, match="`level` must be"):
+        empty.table(level=7)
+
+
+@pytest.mark.parametrize("name", sorted(set(ims.__all__) - {"Depth"}))
+def test_the_types_of_every_public_name_can_be_looked_up(name):
+    typing.get_type_hints(getattr(ims, name))

@@ -136,7 +136,7 @@ def check_choice(name: str, value: object, allowed: Sequence[str]) -> None:
         raise ValueError(msg)
 
 
-def as_image_size(value: Sequence[int] | None) -> ImageSize | None:
+def as_image_size(value: Sequence[int] | None, name: str = "image_size") -> ImageSize | None:
     """Turn (width, height) into a tuple of two positive ints."""
     if value is None:
         return None
@@ -149,7 +149,7 @@ def as_image_size(value: Sequence[int] | None) -> ImageSize | None:
         size = (0, 0)
     if not lawful:
         msg = (
-            f"`image_size` must be (width, height), two positive whole numbers of pixels; "
+            f"`{name}` must be (width, height), two positive whole numbers of pixels; "
             f"got {value!r}."
         )
         raise ValueError(msg)

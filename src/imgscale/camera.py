@@ -139,7 +139,9 @@ class Camera:
         Parameters
         ----------
         matrix : (3, 3) array_like of float
-            [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], in pixels of a picture of size `of_size`.
+            [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], in pixels of a picture of size `of_size`. cx and
+            cy count from the left edge of the first pixel: add 0.5 px where they count from its
+            centre.
         focal_rel_std : float
             Relative standard error of the focal length, >= 0.
         image_size : (width, height)
@@ -171,7 +173,7 @@ class Camera:
         """
         rows = own_floats("matrix", matrix, 2, "(3, 3)").astype(np.float64)
         if rows.shape != (3, 3) or not np.array_equal(
-            rows[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1]
+            rows[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]], [0, 0, 0, 0, 1]
         ):
             msg = (
                 "`matrix` must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]; got "
@@ -179,7 +181,7 @@ class Camera:
             )
             raise ValueError(msg)
         width, height = as_known_image_size(image_size)
-        of_width, of_height = (width, height) if of_size is None else as_known_image_size(of_size)
+        of_width, of_height = as_image_size(of_size, "of_size") or (width, height)
         fx, cx = (float(number) * width / of_width for number in (rows[0, 0], rows[0, 2]))
         fy, cy = (float(number) * height / of_height for number in (rows[1, 1], rows[1, 2]))
         camera = cls(fy, focal_rel_std=focal_rel_std, cx=cx, cy=cy, image_size=(width, height))

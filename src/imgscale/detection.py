@@ -207,6 +207,7 @@ class Detection:
         mask: ArrayLike | None = None,
         partial: bool = False,
         track_id: int | str | None = None,
+        aliases: Iterable[str] = (),
     ) -> Detection:
         """
         Build a detection from the left upper corner, width and height (COCO's order).
@@ -225,6 +226,8 @@ class Detection:
             True where the object is cut or hidden.
         track_id : int or str, optional
             Identity of the physical object across images.
+        aliases : iterable of str
+            Further names of the object, the most telling first.
 
         Returns
         -------
@@ -241,7 +244,15 @@ class Detection:
             msg = f"`xywh` must have a positive width and height; got {(x, y, width, height)}."
             raise ValueError(msg)
         box = (x, y, x + width, y + height)
-        return cls(label, box, score=score, mask=mask, partial=partial, track_id=track_id)
+        return cls(
+            label,
+            box,
+            score=score,
+            mask=mask,
+            partial=partial,
+            track_id=track_id,
+            aliases=aliases,
+        )
 
     @classmethod
     def from_min_max_rc(
@@ -253,6 +264,7 @@ class Detection:
         mask: ArrayLike | None = None,
         partial: bool = False,
         track_id: int | str | None = None,
+        aliases: Iterable[str] = (),
     ) -> Detection:
         """
         Build a detection from rows and columns, the order of scikit-image's `regionprops`.
@@ -271,6 +283,8 @@ class Detection:
             True where the object is cut or hidden.
         track_id : int or str, optional
             Identity of the physical object across images.
+        aliases : iterable of str
+            Further names of the object, the most telling first.
 
         Returns
         -------
@@ -286,7 +300,15 @@ class Detection:
             "bbox", "four numbers (min_row, min_col, max_row, max_col)", bbox
         )
         box = (left, top, right, bottom)
-        return cls(label, box, score=score, mask=mask, partial=partial, track_id=track_id)
+        return cls(
+            label,
+            box,
+            score=score,
+            mask=mask,
+            partial=partial,
+            track_id=track_id,
+            aliases=aliases,
+        )
 
     @classmethod
     def from_ratios(
@@ -302,6 +324,7 @@ class Detection:
         mask: ArrayLike | None = None,
         partial: bool = False,
         track_id: int | str | None = None,
+        aliases: Iterable[str] = (),
     ) -> Detection:
         """
         Build a detection from ratios of the image's size, as Amazon Rekognition gives them.
@@ -324,6 +347,8 @@ class Detection:
             True where the object is cut or hidden.
         track_id : int or str, optional
             Identity of the physical object across images.
+        aliases : iterable of str
+            Further names of the object, the most telling first.
 
         Returns
         -------
@@ -357,7 +382,13 @@ class Detection:
             float(height) * size[1],
         )
         return cls.from_xywh(
-            label, xywh, score=score, mask=mask, partial=partial, track_id=track_id
+            label,
+            xywh,
+            score=score,
+            mask=mask,
+            partial=partial,
+            track_id=track_id,
+            aliases=aliases,
         )
 
 

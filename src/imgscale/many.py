@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
-from os import PathLike, fspath
+from os import PathLike, fsdecode
 from pathlib import PurePath
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import Any, Generic, Never, TypedDict, TypeVar, Unpack, cast
 
 import attrs
 
 from imgscale import record as records
-from imgscale._checks import check_choice, check_type
+from imgscale._checks import check_choice, check_iterable, check_type
 from imgscale._typing import FitMethod, ImageArray, SizeAxis
 from imgscale.camera import Camera
 from imgscale.depth import Depth, GroundPlane
@@ -27,7 +29,6 @@ from imgscale.protocols import DepthSource, Detector
 
 __all__ = ["Outcome", "measure_many"]
 
-S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -56,11 +57,21 @@ class Outcome:
         What was measured; None where it failed.
     error : Exception or None
         Why it failed; None where it did not.
+
+    Raises
+    ------
+    ValueError
+        If both or none is given.
     """
 
     path: str
     measurement: Measurement | None = None
     error: Exception | None = attrs.field(default=None, eq=False)
+
+    def __attrs_post_init__(self) -> None:
+        if (self.measurement is None) == (self.error is None):
+            msg = "`measurement` or `error` must be given, and not both."
+            raise ValueError(msg)
 
     def to_dict(self) -> dict[str, Any]:
         """
@@ -99,12 +110,15 @@ def measure_many(
     detector : Detector or mapping of str to sequence of Detection
         Gives the detections of an RGB array; or detections made before, by picture, as
         `imgscale.detectors.read_coco` and its like give them. A picture is looked up under its
-        path, then under ever shorter ends of it, down to the file's name.
+        path, then under ever shorter ends of it, down to the file's name; an entry that would
+        serve two pictures is an error of the second.
     depth_source : DepthSource or mapping of str to depth
         Gives the depth of an RGB array; or depths by picture, looked up in the same way.
     record : path, optional
         A file to which the results are appended as JSON lines, one per picture as soon as it is
-        done, after a first line with the options. Where it exists, pictures that it holds are
+        done, after a first line with the options, and with the detector and depth source where
+        these are objects of this package; your own functions cannot be written down, so keep them
+        the same. Where the file exists, pictures that it holds, by their paths as given, are
         skipped, and those that failed are tried again.
     progress : bool
         Show a progress bar on standard error where `tqdm` is installed and that is a terminal.
@@ -124,6 +138,8 @@ def measure_many(
         If an argument is of the wrong type.
     ValueError
         If an option breaks its law, or the record was made with other options or is no record.
+    OSError
+        If the record cannot be read or written.
 
     Examples
     --------
@@ -136,18 +152,20 @@ def measure_many(
     ...     print(outcome.path, type(outcome.error).__name__)
     missing.jpg FileNotFoundError
     """
-    if isinstance(paths, (str, PathLike)):
+    if isinstance(paths, (str, bytes, PathLike)):
         msg = f"`paths` must be a sequence of paths; got {paths!r} alone. Put it in a list."
         raise TypeError(msg)
+    check_iterable("paths", paths, "path")
+    check_type("progress", progress, bool)
     _check(detector, depth_source, options)
     done: frozenset[str] = frozenset()
     if record is not None:
-        done = records.resume(record, _plain(options))
+        done = records.resume(record, _plain(detector, depth_source, options))
     return _outcomes(paths, done, detector, depth_source, record, options, progress=progress)
 
 
 def _outcomes(
-    paths: Iterable[str | PathLike[str]],
+    paths: Iterable[Any],
     done: frozenset[str],
     detector: Detector | Mapping[str, Sequence[Detection]],
     depth_source: DepthSource | Mapping[str, Depth],
@@ -156,23 +174,37 @@ def _outcomes(
     *,
     progress: bool,
 ) -> Iterator[Outcome]:
+    detections, depths = _Made("detector", detector), _Made("depth_source", depth_source)
     for path in _with_progress(paths) if progress else paths:
-        name = fspath(path)
+        is_path = isinstance(path, (str, PathLike))
+        name = fsdecode(cast("str | PathLike[str]", path)) if is_path else repr(path)
         if name in done:
+            with suppress(LookupError):  # what served it may not serve another
+                _ = detections(name), depths(name)
             continue
         try:
-            found = measure(
-                path,
-                detector=_for_picture(detector, "detector", name),
-                depth_source=_for_picture(depth_source, "depth_source", name),
-                **options,
-            )
+            if not is_path:
+                _refuse(name)
+            found = measure(path, detector=detections(name), depth_source=depths(name), **options)
             outcome = Outcome(path=name, measurement=found)
         except Exception as error:  # noqa: BLE001 - whatever one picture raises, the next follows
+            _let_go(error)
             outcome = Outcome(path=name, error=error)
         if record is not None:
             records.append(record, outcome.to_dict())
         yield outcome
+
+
+def _refuse(item: str) -> Never:
+    msg = f"`paths` must hold paths, strings or path-like objects; got {item}."
+    raise TypeError(msg)
+
+
+def _let_go(error: BaseException | None) -> None:
+    """Free what the frames of an error hold: pictures, which outcomes would keep in memory."""
+    while error:
+        traceback.clear_frames(error.__traceback__)
+        error = error.__cause__ or error.__context__
 
 
 def _check(detector: object, depth_source: object, options: MeasureOptions) -> None:
@@ -195,41 +227,57 @@ def _check(detector: object, depth_source: object, options: MeasureOptions) -> N
     check_type("use_prior", options.get("use_prior", False), bool)
 
 
-def _plain(options: MeasureOptions) -> dict[str, Any]:
+def _plain(detector: object, depth_source: object, options: MeasureOptions) -> dict[str, Any]:
     """Write the options down so that another run can be compared with them."""
     values: dict[str, Any] = {"method": "posterior", "axis": "height", "use_prior": False}
     values |= options
     table: PriorTable | None = values.pop("priors", None)
-    values["priors"] = [attrs.asdict(row) for row in table or PriorTable.default()]
+    rows = PriorTable.default() if table is None else table
+    values["priors"] = [attrs.asdict(row) for row in rows]
     for name in ("camera", "ground", "noise"):
         value = values.get(name, Noise() if name == "noise" else None)
         values[name] = None if value is None else attrs.asdict(value)
+    for name, source in (("detector", detector), ("depth_source", depth_source)):
+        values[name] = repr(source) if attrs.has(type(source)) else None
     return values
 
 
-def _for_picture(
-    source: Callable[[ImageArray], S] | Mapping[str, T], name: str, path: str
-) -> Callable[[ImageArray], S | T]:
-    """Turn a mapping into a function of the picture; a function is one."""
-    if callable(source):
-        return source
-    found = _looked_up(source, name, path)
+class _Made(Generic[T]):
+    """A function of the picture, or what was made for each picture before."""
 
-    def known(_: ImageArray) -> T:
-        return found
+    def __init__(self, name: str, source: Callable[[ImageArray], T] | Mapping[str, T]) -> None:
+        self._name = name
+        self._source = source
+        self._asked: dict[str, str] = {}  # which picture each key served
 
-    return known
+    def __call__(self, path: str) -> Callable[[ImageArray], T]:
+        """Give the function for one picture, or one that returns what was made for it."""
+        if callable(self._source):
+            return self._source
+        found = self._source[self._key(path, self._source)]
 
+        def known(_: ImageArray) -> T:
+            return found
 
-def _looked_up(source: Mapping[str, T], name: str, path: str) -> T:
-    """Find what belongs to a picture under its path, or under ever shorter ends of it."""
-    parts = PurePath(path).parts
-    for key in (path, *("/".join(parts[start:]) for start in range(len(parts)))):
-        if key in source:
-            return source[key]
-    some = ", ".join(f'"{key}"' for key in list(source)[:3]) or "nothing"
-    msg = f"`{name}` must hold the picture {path}, or its file name; got {some}..."
-    raise LookupError(msg)
+        return known
+
+    def _key(self, path: str, source: Mapping[str, T]) -> str:
+        """Find the key of a picture: its path, or the longest end of it that is there."""
+        parts = PurePath(path).parts
+        ends = ("/".join(parts[start:]) for start in range(len(parts)))
+        key = next((key for key in (path, *ends) if key in source), None)
+        if key is None:
+            some = ", ".join(f'"{key}"' for key in list(source)[:3]) or "nothing"
+            msg = f"`{self._name}` must hold the picture {path}, or its file name; got {some}..."
+            raise LookupError(msg)
+        other = self._asked.setdefault(key, path)
+        if other != path:
+            msg = (
+                f'`{self._name}` must tell {path} from {other}; got one entry for both, "{key}". '
+                "Give it keys with the pictures' folders."
+            )
+            raise LookupError(msg)
+        return key
 
 
 def _with_progress(paths: Iterable[T]) -> Iterable[T]:
@@ -237,6 +285,6 @@ def _with_progress(paths: Iterable[T]) -> Iterable[T]:
     if not find_spec("tqdm"):
         return paths
     total = len(paths) if isinstance(paths, Sized) else None
-    tqdm: Any = import_module("tqdm.auto")
+    tqdm: Any = import_module("tqdm")
     bar: Iterable[T] = tqdm.tqdm(paths, total=total, unit="picture", disable=None)
     return bar

@@ -12,7 +12,7 @@ from imgscale._format import text_table
 from imgscale._typing import ImageSize
 from imgscale.depth import Depth
 from imgscale.detection import Detection
-from imgscale.estimate import SizeEstimate
+from imgscale.estimate import SizeEstimate, central_scores
 from imgscale.flags import flag_names
 from imgscale.model import ScaleModel
 
@@ -93,6 +93,7 @@ class Measurement:
         ('box', 50, 47, 52)
         """
         check_choice("unit", unit, tuple(_PER_METRE))
+        central_scores(level)  # without detections nobody else would look at it
         return [
             self._row(estimate, detection, unit, level)
             for estimate, detection in zip(self.estimates, self.detections, strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,18 @@ from imgscale._typing import ImageArray, ImageSize
 if TYPE_CHECKING:
     from PIL.Image import Image as PillowImage
 
-    Picture: TypeAlias = str | PathLike[str] | ImageArray | PillowImage
+__all__ = ["Picture", "size_of", "upright_rgb"]
 
-__all__ = ["size_of", "upright_rgb"]
+
+class PillowPicture(Protocol):
+    """What an annotation says of `PIL.Image.Image`, which would take 20 ms to import."""
+
+    def getexif(self) -> Any:
+        """Read the EXIF record."""
+        ...
+
+
+Picture: TypeAlias = str | PathLike[str] | ImageArray | PillowPicture
 
 
 def upright_rgb(image: object) -> ImageArray:
@@ -39,7 +48,8 @@ def upright_rgb(image: object) -> ImageArray:
     TypeError
         If it is no picture.
     ValueError
-        If an array is not (H, W, 3) uint8, or the picture has more than 8 bits per channel.
+        If an array is not (H, W, 3) uint8, or the picture has more than 8 bits per channel, is
+        broken or larger than Pillow opens.
     OSError
         If a file is missing or no picture.
     """
@@ -55,8 +65,15 @@ def upright_rgb(image: object) -> ImageArray:
     from PIL import Image, ImageOps  # noqa: PLC0415 - 20 ms that most users do not need
 
     if isinstance(image, (str, PathLike)):
-        with Image.open(Path(cast("str | PathLike[str]", image))) as opened:
-            return _eight_bits(ImageOps.exif_transpose(opened))
+        try:
+            with Image.open(Path(cast("str | PathLike[str]", image))) as opened:
+                return _eight_bits(ImageOps.exif_transpose(opened))
+        except Image.DecompressionBombError as error:
+            msg = f"`image` is too large to be opened: {error} Raise PIL.Image.MAX_IMAGE_PIXELS."
+            raise ValueError(msg) from error
+        except SyntaxError as error:  # Pillow's way of saying that a file is broken
+            msg = f"`image` must be a whole picture; {image} is broken: {error}."
+            raise ValueError(msg) from error
     if isinstance(image, Image.Image):
         return _eight_bits(ImageOps.exif_transpose(image))
     msg = f"`image` must be a path, an array or a PIL image; got {type(image).__name__}."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from os import PathLike, fspath
-from typing import TYPE_CHECKING
 
 from imgscale._typing import FitMethod, ImageSize, SizeAxis
 from imgscale.camera import Camera
@@ -12,15 +11,14 @@ from imgscale.detection import check_detections
 from imgscale.fitting import fit
 from imgscale.measurement import Measurement
 from imgscale.noise import Noise
-from imgscale.picture import upright_rgb
+from imgscale.picture import Picture, upright_rgb
 from imgscale.prediction import predict
 from imgscale.priors import PriorTable
 from imgscale.protocols import DepthSource, Detector
 
-if TYPE_CHECKING:
-    from imgscale.picture import Picture
-
 __all__ = ["measure"]
+
+_PAIR = 2  # a depth and a camera
 
 
 def measure(
@@ -101,7 +99,7 @@ def measure(
     # a copy for each, which it may draw on
     detections = check_detections(detector(pixels.copy()))
     seen = depth_source(pixels.copy())
-    depth, own_camera = seen if isinstance(seen, tuple) else (seen, None)
+    depth, own_camera = _with_camera(seen)
     _check_depth(depth, size)
     camera = camera or own_camera
     model = fit(detections, depth, priors, ground=ground, camera=camera, method=method, noise=noise)
@@ -114,6 +112,19 @@ def measure(
         image_size=size,
         name=fspath(image) if isinstance(image, (str, PathLike)) else "",
     )
+
+
+def _with_camera(seen: Depth | tuple[Depth, Camera | None]) -> tuple[Depth, Camera | None]:
+    """Tell what a depth source gave: a depth, or a pair of that and a camera."""
+    if not isinstance(seen, tuple):
+        return seen, None
+    if len(seen) != _PAIR:
+        msg = (
+            "`depth_source` must return a depth, or a pair of depth and camera; got a tuple of "
+            f"{len(seen)}."
+        )
+        raise TypeError(msg)
+    return seen
 
 
 def check_callable(name: str, value: object, remedy: str) -> None:

@@ -10,6 +10,7 @@ from typing import Any, cast
 __all__ = ["append", "resume"]
 
 _SCHEMA = 1
+_BEGIN = b'{"imgscale"'
 
 
 def resume(path: str | PathLike[str], options: dict[str, Any]) -> frozenset[str]:
@@ -34,13 +35,15 @@ def resume(path: str | PathLike[str], options: dict[str, Any]) -> frozenset[str]
     ------
     ValueError
         If the file is no record, or was made with other options.
+    OSError
+        If it cannot be read or written.
     """
     file = Path(path)
     header = json.loads(json.dumps({"imgscale": _SCHEMA, "options": options}))
     text = file.read_bytes() if file.exists() else b""
     whole = text[: text.rfind(b"\n") + 1]
     if not whole:
-        if text and not text.startswith(b'{"imgscale"'):
+        if text[: len(_BEGIN)] != _BEGIN[: len(text)]:
             raise ValueError(_no_record(file, 1))
         file.write_text(json.dumps(header) + "\n", encoding="utf-8")
         return frozenset()
