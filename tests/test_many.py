@@ -124,7 +124,8 @@ def test_an_interrupt_is_not_swallowed(tmp_path):
         ({"axis": "length"}, "`axis` must be one of"),
         ({"priors": [1]}, "`priors` must be a PriorTable"),
         ({"use_prior": "yes"}, "`use_prior` must be a bool"),
-        ({"detector": [DOOR]}, "`detector` must be a function"),
+        ({"detector": [DOOR]}, "`detector` must be a function of the picture, or a mapping"),
+        ({"detector": {Path("a.png"): [DOOR]}}, "`detector` must have paths for keys, as strings"),
         ({"depth_source": 3.0}, "`depth_source` must be a function"),
         ({"paths": "photo.jpg"}, "`paths` must be a sequence of paths"),
         ({"colour": "red"}, "`options` must be those of `measure`; got colour"),
@@ -385,3 +386,31 @@ def test_an_outcome_is_a_measurement_or_an_error():
     for given in ({}, {"measurement": object(), "error": ValueError("no")}):
         with pytest.raises(ValueError, match="`measurement` or `error` must be given"):
             ims.Outcome(path="a.png", **given)
+
+
+def test_pictures_without_references_are_not_tried_again_and_the_record_reads_back(tmp_path):
+    record = tmp_path / "sizes.jsonl"
+    paths = pictures(tmp_path, 3)
+
+    def sees(image):
+        return [DOOR, BOX] if image[0, 0, 0] else [BOX]
+
+    first = run(paths[:2], sees, record=record)
+    assert isinstance(first[0].error, ims.FitError)
+    (broken,) = run([tmp_path / "missing.png"], sees, record=record)
+    assert run(paths[:2], sees, record=record) == []
+    Image.fromarray(np.full((80, 120, 3), 9, np.uint8)).save(tmp_path / "missing.png")
+    (mended,) = run([tmp_path / "missing.png"], sees, record=record)
+    read = ims.read_record(record)
+    assert [row["path"] for row in read] == [*map(str, paths[:2]), str(tmp_path / "missing.png")]
+    assert read[0]["error"]["type"] == "FitError"
+    assert broken.error is not None
+    assert read[2] == json.loads(json.dumps(mended.to_dict()))
+
+
+@pytest.mark.parametrize("content", ["", "a,b\n", "{}\n"])
+def test_what_is_no_record_is_not_read(tmp_path, content):
+    file = tmp_path / "notes.txt"
+    file.write_text(content)
+    with pytest.raises(ValueError, match="`record` must be a file that `measure_many` wrote"):
+        ims.read_record(file)

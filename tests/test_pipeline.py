@@ -397,7 +397,7 @@ def test_what_is_not_known_is_none_in_the_table_and_a_dash_in_print():
     result = measure(picture(), depth_source=lambda _: source)
     row = result.table()[1]
     assert (row["size_m"], row["low_m"], row["distance_m"]) == (None, None, None)
-    assert str(result).splitlines()[-1].split() == ["statue", "-", "-", "to", "-", "-", "NO_DEPTH"]
+    assert str(result).splitlines()[-1].split() == ["statue", "-", "-", "-", "NO_DEPTH"]
 
 
 def test_an_unknown_unit_is_refused():
@@ -444,3 +444,21 @@ def test_the_level_of_a_table_without_rows_is_checked_too():
 @pytest.mark.parametrize("name", sorted(set(ims.__all__) - {"Depth"}))
 def test_the_types_of_every_public_name_can_be_looked_up(name):
     typing.get_type_hints(getattr(ims, name))
+
+
+def test_a_detector_that_returns_nothing_is_named():
+    with pytest.raises(TypeError, match=r"`detector` must return a sequence .* an empty one where"):
+        measure(picture(), detector=lambda _: None)
+
+
+def test_a_map_that_was_transposed_is_named_as_such():
+    with pytest.raises(ValueError, match=r"as upright as the picture.*Transpose the map"):
+        measure(picture(), depth_source=lambda _: ims.DepthMap(np.ones((120, 80)), kind="relative"))
+
+
+def test_reservations_about_the_scale_are_in_print_and_in_the_table():
+    near, far = ims.Detection("door", (5, 5, 25, 55)), ims.Detection("door", (70, 5, 80, 20))
+    result = measure(picture(), detector=lambda _: [near, far, STATUE], depth_source=flat)
+    assert ims.Flag.INCONSISTENT in result.model.flags
+    assert "reservations, see explain(): " in str(result)
+    assert "INCONSISTENT" in result.table()[2]["model_flags"].split()

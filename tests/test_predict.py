@@ -822,3 +822,34 @@ def test_the_papers_methods_cannot_fuse_priors(method):
     model = ims.fit(ONE, ONE_DEPTH, POLE, method=method)
     with pytest.raises(ValueError, match=f'`use_prior` must be False for method "{method}"'):
         ims.predict(model, ONE, ONE_DEPTH, use_prior=True)
+
+
+# --- sizes whose solutions contradict each other ---
+
+
+def test_the_size_lies_in_the_middle_of_its_own_distribution():
+    plane = ims.GroundPlane(image_size=(1920, 1080))
+    chair = ims.Detection("Chair", (1458, 728, 1801, 998))
+    pillow = ims.Detection("Pillow", (839, 551, 1012, 624))
+    for method in ("posterior", "robust"):
+        options = {"noise": ims.Noise(box_px=2, box_rel=0.05), "method": method}
+        model = ims.fit([chair, pillow], plane, **options)
+        for size in ims.predict(model, [chair, pillow], plane):
+            below = sum(quantile <= size.size_m for quantile in size.quantiles_m)
+            assert 0 < below < len(size.quantiles_m)
+            low, high = size.interval(0.95)
+            assert low < size.size_m < high
+
+
+def test_a_rejected_reference_is_flagged_as_one():
+    cars = [ims.Detection("car", (100 * i, 0, 100 * i + 90, 160)) for i in range(4)]
+    small = ims.Detection("car", (500, 0, 590, 40))
+    depths = ims.ObjectDepths([7.0] * 5, kind="metric")
+    model = ims.fit([*cars, small], depths)
+    assert not model.references[-1].used
+    *good, bad = ims.predict(model, [*cars, small], depths)
+    assert ims.Flag.OUTLIERS in bad.flags
+    assert ims.Flag.REFERENCE not in bad.flags
+    for size in good:
+        assert ims.Flag.REFERENCE in size.flags
+        assert ims.Flag.OUTLIERS not in size.flags

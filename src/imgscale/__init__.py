@@ -23,6 +23,7 @@ from imgscale.pipeline import measure
 from imgscale.prediction import predict
 from imgscale.priors import PriorTable
 from imgscale.protocols import DepthSource, Detector
+from imgscale.record import read_record
 from imgscale.reference import Reference
 from imgscale.shared_scale import SharedScale
 from imgscale.sharing import fit_shared
@@ -63,6 +64,7 @@ __all__ = [
     "measure",
     "measure_many",
     "predict",
+    "read_record",
     "suspect",
 ]
 

@@ -67,7 +67,7 @@ def check_not_transposed(image_size: ImageSize | None, shape: tuple[int, ...]) -
     if image_size == shape:
         msg = (
             f"`image_size` must be (width, height); got {image_size}, which is the map's (height, "
-            f"width). Pass {image_size[::-1]}."
+            f"width). Pass {image_size[::-1]}, or transpose the map: values.T."
         )
         raise ValueError(msg)
     turned = (image_size[0] > image_size[1]) != (shape[1] > shape[0])

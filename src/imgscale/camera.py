@@ -120,7 +120,8 @@ class Camera:
             msg = (
                 f"`camera.image_size` must be that of the image, {image_size}; got "
                 f"{self.image_size}. A resized picture's focal length scales with it, a cropped "
-                "picture's principal point moves."
+                "picture's principal point moves, and the EXIF orientation of a turned one is to "
+                "be applied."
             )
             raise ValueError(msg)
 

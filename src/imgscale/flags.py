@@ -19,7 +19,7 @@ class Flag(enum.Flag):
     SINGLE_LABEL : Flag
         Several references, all of one label: they share the error of its mean size.
     OUTLIERS : Flag
-        At least one reference was rejected.
+        At least one reference was rejected; of an estimate: this object was one.
     INCONSISTENT : Flag
         The references disagree by much more than their errors; the interval was widened.
     CAMERA_CONFLICT : Flag

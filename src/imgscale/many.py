@@ -23,7 +23,7 @@ from imgscale.fitting import check_options
 from imgscale.measurement import Measurement
 from imgscale.noise import Noise
 from imgscale.object_prior import SIZE_AXES
-from imgscale.pipeline import check_callable, measure
+from imgscale.pipeline import measure
 from imgscale.priors import PriorTable
 from imgscale.protocols import DepthSource, Detector
 
@@ -119,7 +119,8 @@ def measure_many(
         done, after a first line with the options, and with the detector and depth source where
         these are objects of this package; your own functions cannot be written down, so keep them
         the same. Where the file exists, pictures that it holds, by their paths as given, are
-        skipped, and those that failed are tried again.
+        skipped. Those that failed are tried again, but for a `FitError`, which would come again:
+        too few objects of known size. `read_record` reads the file.
     progress : bool
         Show a progress bar on standard error where `tqdm` is installed and that is a terminal.
     **options
@@ -210,8 +211,17 @@ def _let_go(error: BaseException | None) -> None:
 def _check(detector: object, depth_source: object, options: MeasureOptions) -> None:
     """Raise what every picture would raise before the first is read."""
     for name, source in (("detector", detector), ("depth_source", depth_source)):
-        if not isinstance(source, Mapping):
-            check_callable(name, source, "a mapping from paths, or a function of the picture")
+        if isinstance(source, Mapping):
+            key: object = next(iter(cast("Mapping[object, object]", source)), "")
+            if not isinstance(key, str):
+                msg = f"`{name}` must have paths for keys, as strings; got {key!r}."
+                raise TypeError(msg)
+        elif not callable(source):
+            msg = (
+                f"`{name}` must be a function of the picture, or a mapping from pictures' paths; "
+                f"got {type(source).__name__}."
+            )
+            raise TypeError(msg)
     unknown = options.keys() - MeasureOptions.__annotations__.keys()
     if unknown:
         msg = f"`options` must be those of `measure`; got {', '.join(sorted(unknown))}."

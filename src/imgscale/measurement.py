@@ -67,8 +67,9 @@ class Measurement:
         list of dict
             One row per detection, in their order. ``label``; ``axis``; ``size_<unit>`` with
             ``low_<unit>`` and ``high_<unit>``; ``distance_m``, the z-depth in metres; ``x1``,
-            ``y1``, ``x2``, ``y2`` in pixels; ``score``; ``track_id``; ``flags``, words with spaces
-            between. None where a number is not known.
+            ``y1``, ``x2``, ``y2`` in pixels; ``score``; ``track_id``; ``flags`` and
+            ``model_flags``, reservations about this size and about the scale of all, words with
+            spaces between. None where a number is not known.
 
         Raises
         ------
@@ -111,6 +112,7 @@ class Measurement:
             "score": detection.score,
             "track_id": detection.track_id,
             "flags": " ".join(flag_names(estimate.flags)),
+            "model_flags": " ".join(flag_names(self.model.flags)),
         }
 
     def to_dict(self) -> dict[str, Any]:
@@ -137,13 +139,15 @@ class Measurement:
             (
                 row["label"],
                 _text(row["size_m"], ".3g"),
-                f"{_text(row['low_m'], '.3g')} to {_text(row['high_m'], '.3g')}",
+                "-" if row["size_m"] is None else f"{row['low_m']:.3g} to {row['high_m']:.3g}",
                 _text(row["distance_m"], ".3g"),
                 row["flags"],
             )
             for row in self.table()
         ]
-        return f"{self.model}\n{text_table(header, rows)}"
+        words = ", ".join(flag_names(self.model.flags))
+        reservations = f"\nreservations, see explain(): {words}" if words else ""
+        return f"{self.model}{reservations}\n{text_table(header, rows)}"
 
 
 def _known(value: float | None) -> float | None:

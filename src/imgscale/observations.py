@@ -254,8 +254,8 @@ def _remedy(boxes: FloatArray, image_size: ImageSize) -> str:
         )
     return (
         f"If the boxes belong to a larger image ({largest[0]:.0f} x {largest[1]:.0f} or more) than "
-        "the depth map, pass its image_size=(width, height) to the depth; clip boxes that a "
-        "detector drew beyond the border: Detection.with_box()."
+        "the depth map, pass its image_size=(width, height) to the depth, or scale the boxes to "
+        "the picture; clip boxes that a detector drew beyond the border: Detection.with_box()."
     )
 
 

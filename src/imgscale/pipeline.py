@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike, fspath
 
 from imgscale._typing import FitMethod, ImageSize, SizeAxis
 from imgscale.camera import Camera
 from imgscale.depth import Depth, GroundPlane, check_depth_type
-from imgscale.detection import check_detections
+from imgscale.detection import Detection, check_detections
 from imgscale.fitting import fit
 from imgscale.measurement import Measurement
 from imgscale.noise import Noise
@@ -97,7 +98,7 @@ def measure(
     pixels = upright_rgb(image)
     size = (pixels.shape[1], pixels.shape[0])
     # a copy for each, which it may draw on
-    detections = check_detections(detector(pixels.copy()))
+    detections = _detections(detector(pixels.copy()))
     seen = depth_source(pixels.copy())
     depth, own_camera = _with_camera(seen)
     _check_depth(depth, size)
@@ -112,6 +113,18 @@ def measure(
         image_size=size,
         name=fspath(image) if isinstance(image, (str, PathLike)) else "",
     )
+
+
+def _detections(found: Sequence[Detection]) -> tuple[Detection, ...]:
+    """Raise in the detector's name where it gave no detections."""
+    try:
+        return check_detections(found)
+    except TypeError as error:
+        msg = (
+            "`detector` must return a sequence of Detection objects, an empty one where it sees "
+            f"nothing; {error}"
+        )
+        raise TypeError(msg) from error
 
 
 def _with_camera(seen: Depth | tuple[Depth, Camera | None]) -> tuple[Depth, Camera | None]:
@@ -156,6 +169,13 @@ def check_callable(name: str, value: object, remedy: str) -> None:
 def _check_depth(depth: Depth, size: ImageSize) -> None:
     """Raise where a source gave no depth, or that of another picture."""
     check_depth_type(depth)
+    if size != depth.image_size == size[::-1]:
+        msg = (
+            f"`depth_source` must give depth as upright as the picture, {size[0]} x {size[1]} px; "
+            f"got image_size={depth.image_size}. Transpose the map, values.T, or apply the EXIF "
+            "orientation before its depth is made."
+        )
+        raise ValueError(msg)
     if depth.image_size not in {None, size}:
         msg = (
             f"`depth_source` must give depth for the picture, {size[0]} x {size[1]} px; got "

@@ -229,5 +229,6 @@ def _wanted(
         common_var=obs.depth_var + np.where(same_axis, obs.box_var, 0.0),
         # the prior of a whole object says nothing of a visible part or a rejected reference
         fuse=use_prior & ~(np.isnan(obs.prior_m) | obs.partial | rejected),
+        rejected=rejected,
         log_k=np.full(own.size, math.log(model.k)),
     )

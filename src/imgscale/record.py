@@ -7,7 +7,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, cast
 
-__all__ = ["append", "resume"]
+from imgscale.errors import FitError
+
+__all__ = ["append", "read_record", "resume"]
 
 _SCHEMA = 1
 _BEGIN = b'{"imgscale"'
@@ -29,7 +31,7 @@ def resume(path: str | PathLike[str], options: dict[str, Any]) -> frozenset[str]
     Returns
     -------
     frozenset of str
-        Pictures that were measured; those that failed are not among them.
+        Pictures that are done: measured, or without what a fit needs.
 
     Raises
     ------
@@ -55,7 +57,42 @@ def resume(path: str | PathLike[str], options: dict[str, Any]) -> frozenset[str]
     nameless = [number for number, line in enumerate(lines[1:], 2) if "path" not in line]
     if nameless:
         raise ValueError(_no_record(file, nameless[0]))
-    return frozenset(str(line["path"]) for line in lines[1:] if "error" not in line)
+    return frozenset(str(line["path"]) for line in lines[1:] if not _failed(line))
+
+
+def read_record(path: str | PathLike[str]) -> list[dict[str, Any]]:
+    """
+    Read the record of a run of `measure_many`.
+
+    Parameters
+    ----------
+    path : path
+        The file that was given as ``record``.
+
+    Returns
+    -------
+    list of dict
+        What `Outcome.to_dict` gave for each picture, the last where one was tried again, in the
+        order of the first tries. A last line without an end is left out.
+
+    Raises
+    ------
+    ValueError
+        If the file is no record.
+    OSError
+        If it cannot be read.
+    """
+    file = Path(path)
+    whole, _, _ = file.read_bytes().rpartition(b"\n")
+    lines = [_parsed(file, number, line) for number, line in enumerate(whole.splitlines(), 1)]
+    if not lines or lines[0].get("imgscale") != _SCHEMA:
+        raise ValueError(_no_record(file, 1))
+    return list({str(line.get("path")): line for line in lines[1:]}.values())
+
+
+def _failed(line: dict[str, Any]) -> bool:
+    """Tell whether a picture may fare better another time."""
+    return "error" in line and line["error"].get("type") != FitError.__name__
 
 
 def append(path: str | PathLike[str], row: dict[str, Any]) -> None:

@@ -22,6 +22,8 @@ from imgscale.posing import Setting
 
 # Beyond the horizon is told where the 95 % interval reaches it.
 _TWO_STD = int(np.searchsorted(SCORES, 2.0))
+# The central 92 % of a size's distribution.
+_LOW, _HIGH = (int(np.searchsorted(SCORES, score)) for score in (-1.75, 1.75))
 _OBJECTS_AT_ONCE = 200
 # How many times as near or far as the references' range a shift is not trusted.
 _FAR_OFF = 2.0
@@ -43,6 +45,8 @@ class Wanted(NamedTuple):
         Share of the object in log k, 0 where it was no reference.
     fuse : (M,) ndarray of bool
         Where the object's own prior is fused with the measurement.
+    rejected : (M,) ndarray of bool
+        Where the object was a reference that was rejected.
     log_k : (M,) ndarray of float64
         Log of the scale constant of each object's image.
     """
@@ -52,6 +56,7 @@ class Wanted(NamedTuple):
     common_var: FloatArray
     share: FloatArray
     fuse: BoolArray
+    rejected: BoolArray
     log_k: FloatArray
 
     def rows(self, rows: IntArray) -> Wanted:
@@ -151,7 +156,8 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
     Returns
     -------
     Sizes
-        One row each: without a prior the median is exactly k d p, where one witness tells d.
+        One row each: without a prior the median is exactly k d p, where one witness tells d and
+        k d p is not far off in the distribution of the size.
     """
     count = wanted.own.size
     if count <= _OBJECTS_AT_ONCE:
@@ -178,9 +184,12 @@ def _size_up(cases: Cases, wanted: Wanted) -> Sizes:
         quantiles[again] = measured_again(cases, *rows).quantiles()
     if by_prior.any():
         quantiles[by_prior] = with_priors(cases, subjects.rows(by_prior), wanted.own[by_prior])
-    both = _has_both(subjects) & ~by_prior & ~np.isnan(log_size)
-    log_scale = np.where(both, quantiles[:, MEDIAN] - subjects.log_pixels, log_scale)
-    log_size = np.where(both | by_prior, quantiles[:, MEDIAN], log_size)
+    # k d p of the likeliest solution is no median where others, far from it, weigh more together
+    far_off = (log_size < quantiles[:, _LOW]) | (log_size > quantiles[:, _HIGH])
+    by_median = (_has_both(subjects) | far_off) & ~by_prior & ~np.isnan(log_size)
+    median = np.where(np.isfinite(quantiles[:, MEDIAN]), quantiles[:, MEDIAN], np.nan)
+    log_scale = np.where(by_median, median - subjects.log_pixels, log_scale)
+    log_size = np.where(by_median | by_prior, median, log_size)
     one_kind = subjects.prior.share.shape[1] == 1 or not by_prior.any()
     is_normal = cases.grid is None and len(cases.log_weight) == 1 and one_kind
     size_m = np.exp(log_size)
@@ -234,7 +243,8 @@ def row_flags(
         One per object.
     """
     columns = {
-        Flag.REFERENCE: wanted.share > 0,
+        Flag.REFERENCE: (wanted.share > 0) & ~wanted.rejected,
+        Flag.OUTLIERS: wanted.rejected,
         Flag.PRIOR_USED: wanted.fuse,
         Flag.NO_DEPTH: np.isnan(obs.depth),
         Flag.MIXED_DEPTH: obs.mixed,

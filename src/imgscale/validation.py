@@ -98,6 +98,7 @@ def leave_one_out(
         common_var=np.zeros(nobody.size),
         share=np.zeros(nobody.size),
         fuse=use_prior & ~(np.isnan(obs.prior_m) | obs.partial),
+        rejected=np.zeros(nobody.size, dtype=np.bool_),
         log_k=np.full(nobody.size, found.log_k[0]),
     )
     rest = np.setdiff1d(np.arange(nobody.size), rows)
