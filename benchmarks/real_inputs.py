@@ -22,7 +22,7 @@ import skimage as ski
 import imgscale as ims
 from imgscale.datasets import kitti, motorcycle
 from imgscale.depth_sources import read_depth, stereo_disparity
-from imgscale.detectors import from_kitti, read_objects
+from imgscale.detectors import objects_from_kitti, read_kitti
 
 # How much the boxes err, as measured on all frames of these detectors.
 BOXES = {
@@ -77,7 +77,7 @@ def detections_by(
         return
     labels = root / "object" / "training" / "label_2"
     folder = labels if detector == "labels" else root / "detections" / detector
-    yield from from_kitti((folder / f"{name}.txt").read_text(), image_size=size)
+    yield from read_kitti(folder / f"{name}.txt", image_size=size)
 
 
 def focal_px(calib: Path) -> float:
@@ -89,7 +89,7 @@ def focal_px(calib: Path) -> float:
 def measure_scene_flow(root: Path) -> None:
     """Print heights of the labelled objects of a pair, from its pictures and from the truth."""
     label = root / "training" / "label_2_matched" / f"{PAIR}.txt"
-    objects = [item for item in read_objects(label.read_text()) if not item.detection.partial]
+    objects = [item for item in objects_from_kitti(label.read_text()) if not item.detection.partial]
     priors = ims.PriorTable.default(region="eu")
     print(f"Scene Flow {PAIR}, heights with the camera known")
     for source in ("disparity", "stereo"):

@@ -36,11 +36,21 @@ def main() -> None:
         recompute_the_paper()
         print("\nOn real pictures: python paper_on_kitti.py --root FOLDER_OF_KITTI")
         return
-    found = "velodyne/*.bin" if options.depth == "lidar" else "label_2/*.txt"
-    folders = (options.root, options.root / "training")
-    names = sorted(path.stem for folder in folders for path in folder.glob(found))
-    names = names[:: max(1, len(names) // max(1, options.frames))]
+    if options.frames < 1:
+        parser.error(f"--frames must be 1 or more; got {options.frames}")
+    names = frame_names(options.root, options.depth, options.frames)
     compare_on(kitti.object_frames(options.root, names or None, depth=options.depth))
+
+
+def frame_names(root: Path, depth: str, count: int) -> list[str]:
+    """Choose so many frames, or all where there are fewer, evenly spread."""
+    found = "velodyne/*.bin" if depth == "lidar" else "label_2/*.txt"
+    for folder in (root, root / "training"):
+        names = sorted(path.stem for path in folder.glob(found))
+        if names:
+            chosen = np.linspace(0, len(names) - 1, min(count, len(names)))
+            return [names[index] for index in np.rint(chosen).astype(int)]
+    return []
 
 
 def recompute_the_paper() -> None:

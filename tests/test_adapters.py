@@ -59,11 +59,6 @@ class Client:
         return {"Labels": self.labels}
 
 
-class Tensor(np.ndarray):
-    def unbind(self, axis):
-        return np.moveaxis(self, axis, 0)
-
-
 class Inputs(dict):
     def to(self, *_):
         return self
@@ -84,7 +79,7 @@ class Processor:
     def post_process_object_detection(self, outputs, *, threshold, target_sizes):
         assert target_sizes == [outputs.shape[:2]]
         scores = np.full(len(self.boxes), 0.75)
-        found = {"boxes": self.boxes.view(Tensor), "labels": np.arange(len(scores))}
+        found = {"boxes": self.boxes, "labels": np.arange(len(scores))}
         return [found | {"scores": np.maximum(scores, threshold)}]
 
     def post_process_depth_estimation(self, outputs, sizes):
@@ -249,6 +244,21 @@ def test_a_detector_drops_a_box_however_far_outside(make):
 
 
 @each(WRAPPING)
+def test_a_detector_drops_a_box_without_area_and_keeps_those_beside_it(make):
+    flat = [
+        ("truck", (10.0, 20.0, 10.0, 70.0)),
+        ("bus", (10.0, 20.0, 50.0, 20.0)),
+        ("dog", (0.0, 0.0, 0.0, 0.0)),
+        ("cat", (-10.0, 30.0, 20.0, 30.0)),
+        ("cow", (256.0, 10.0, 256.0, 20.0)),
+    ]
+    for box in flat:
+        found = make([SEEN[0], box, SEEN[1]])(picture())
+        assert [(d.label, d.xyxy) for d in found] == SEEN
+    assert make(flat)(picture()) == []
+
+
+@each(WRAPPING)
 def test_a_detector_does_not_drop_a_box_that_is_no_number(make):
     with pytest.raises(ValueError, match=r"\[2\]"):
         make([*SEEN, ("dog", (np.nan, 10.0, 20.0, 30.0))])(picture())
@@ -297,6 +307,20 @@ def test_a_runner_does_not_change(make):
     for name in attrs.fields_dict(type(runner)):
         with pytest.raises(attrs.exceptions.FrozenInstanceError):
             setattr(runner, name, None)
+
+
+WRAPPERS = WRAPPING | {
+    "depth network": lambda _: depth_sources.TransformersDepth(Network(), Processor())
+}
+
+
+@each(WRAPPERS)
+def test_a_runner_is_equal_to_itself_alone_and_does_not_print_what_it_wraps(make):
+    runner = make(SEEN)
+    assert runner == runner  # noqa: PLR0124 - nothing of the backend is compared
+    assert runner != make(SEEN)
+    assert len({runner, make(SEEN)}) == 2
+    assert " object at 0x" not in repr(runner)
 
 
 @each(DETECTORS)

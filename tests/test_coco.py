@@ -4,6 +4,7 @@ import copy
 import json
 import math
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -252,10 +253,9 @@ def test_pycocotools_run_lengths_give_its_masks_back():
         np.testing.assert_array_equal(only(whole, masks=True, **shape)[0].mask, mask)
 
 
-def test_run_lengths_bring_their_own_size_where_the_picture_has_none():
-    lengths = {"size": [3, 4], "counts": [4, 2, 6]}
-    (car,) = only(entry(bbox=[0, 0, 4, 3], segmentation=lengths), masks=True, width=None)
-    assert car.mask.shape == (3, 4)
+def test_the_mask_of_another_place_leaves_the_box_alone():
+    polygon = entry(bbox=[10, 20, 30, 40], segmentation=[[300, 300, 320, 300, 320, 320]])
+    assert only(polygon, masks=True)[0].mask is None
 
 
 @pytest.mark.parametrize(
@@ -297,9 +297,29 @@ def test_a_broken_segmentation_is_named_with_its_entry(segmentation, message):
         only(entry(), entry(segmentation=segmentation), masks=True)
 
 
-def test_polygons_without_a_picture_to_draw_in_are_refused():
+@pytest.mark.parametrize(
+    "segmentation",
+    [
+        pytest.param([[1, 2, 3, 4, 5, 6]], id="polygon"),
+        pytest.param({"size": [3, 4], "counts": [4, 2, 6]}, id="run lengths"),
+        pytest.param({"size": [1e6, 1e6], "counts": [10**12]}, id="a terabyte"),
+        pytest.param({"size": [10**400, 1], "counts": [10**400]}, id="no size at all"),
+    ],
+)
+def test_masks_without_a_picture_to_draw_in_are_refused(segmentation):
     with pytest.raises(ValueError, match=r"^annotations\[0\]: .*`width` and `height`"):
-        only(entry(segmentation=[[1, 2, 3, 4, 5, 6]]), masks=True, height=None)
+        only(entry(segmentation=segmentation), masks=True, height=None)
+
+
+def test_annotations_without_an_area_are_left_out_by_the_line_of_the_message():
+    # of COCO's own instances_train2017.json
+    flat = entry(bbox=[296.65, 388.33, 1.03, 0.0])
+    with pytest.raises(ValueError, match=r"positive width and height") as caught:
+        only(entry(), flat)
+    [remedy] = re.findall(r"out: (\[.*\])\.$", str(caught.value))
+    kept = eval(remedy, {"entries": [entry(), flat]})  # noqa: S307 - our own words
+    assert kept == [entry()]
+    assert remedy.replace("entries", 'dataset["annotations"]') in from_coco.__doc__
 
 
 # --- what is refused ---

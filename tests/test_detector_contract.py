@@ -399,7 +399,7 @@ BACKENDS = {
         argument="dataset",
         place="annotations[{index}]",
         error=lambda side: 1e-12 * side,  # the right edge is left + width
-        optional=frozenset({"width", "height", "score", "segmentation"}),
+        optional=frozenset({"score", "segmentation"}),
         cannot=NO_TRACKS | NO_FLOAT32,
     ),
     "coco results": Backend(
@@ -482,7 +482,7 @@ BACKENDS = {
         kitti,
         detectors.from_kitti,
         argument="text",
-        place="Line {number}",
+        place="line {number}",
         digits=2,
         error=lambda _: 0.0051,
         cannot=NO_MASKS | NO_TRACKS | NO_FLOAT32,
@@ -919,7 +919,7 @@ def test_a_score_that_is_no_share_of_one_is_refused_by_its_place(backend):
 
 MISSING = object()
 # A backquoted name, an entry, a line, an element, a member.
-NAMES_SOMETHING = re.compile(r"`\w[^`]*`|\w\[\d+\]|[Ll]ine \d|<\w+>|\w\.\w+ must")
+NAMES_SOMETHING = re.compile(r"`\w[^`]*`|\w\[\d+\]|line \d|<\w+>|\w\.\w+ must")
 
 
 def fault(error):
@@ -1124,6 +1124,21 @@ CLASSES = {
     "ultralytics": ("boxes", "cls"),
     "torchvision": ("labels",),
 }
+
+
+@pytest.mark.parametrize("name", ["supervision", "transformers", "yolo", "ultralytics"])
+def test_names_under_strings_as_json_has_them_are_told_from_whole_numbers(name):
+    backend = BACKENDS[name]
+    given, options = backend.encode(some(3), SIZE)
+    in_json = {"0": "person", "1": "car"}
+    if name == "ultralytics":
+        given.names = in_json
+    else:
+        options["id2label" if name == "transformers" else "class_names"] = in_json
+    with pytest.raises(ValueError, match=re.escape(backend.where(0))) as caught:
+        backend.convert(given, **options)
+    remedy = "Keys must be whole numbers: {int(key): name for key, name in names.items()}."
+    assert str(caught.value).endswith(f"names for '0', '1'. {remedy}")
 
 
 @pytest.mark.parametrize("number", [99, -1, 0.5])

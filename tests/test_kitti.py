@@ -18,7 +18,7 @@ from PIL import Image
 import imgscale as ims
 from imgscale.datasets import kitti
 from imgscale.depth_sources.files import read_depth
-from imgscale.detectors.kitti import from_kitti, read_objects
+from imgscale.detectors.kitti import from_kitti, objects_from_kitti, read_kitti
 
 DATA = Path(
     os.environ.get("IMGSCALE_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -63,7 +63,7 @@ def test_a_label_gives_its_name_and_its_box_as_they_stand():
 
 
 def test_a_label_gives_size_place_and_turn():
-    [car] = read_objects(CAR)
+    [car] = objects_from_kitti(CAR)
     assert (car.height_m, car.width_m, car.length_m) == (1.36, 1.69, 3.38)
     assert car.location == (0.28, 2.08, 17.74)
     assert (car.rotation_y, car.alpha) == (-1.58, -1.59)
@@ -73,12 +73,12 @@ def test_a_label_gives_size_place_and_turn():
 def test_regions_without_labels_are_no_objects_and_the_order_stays():
     text = f"{CYCLIST}\n{DONT_CARE}\n\n{CAR}\n{CAR}"
     assert [found.label for found in from_kitti(text)] == ["Cyclist", "Car", "Car"]
-    assert [one.detection for one in read_objects(text)] == from_kitti(text)
+    assert [one.detection for one in objects_from_kitti(text)] == from_kitti(text)
 
 
 @pytest.mark.parametrize("text", ["", "\n \n", DONT_CARE, f"{DONT_CARE}\r\n"], ids=repr)
 def test_a_file_without_objects_gives_none(text):
-    assert from_kitti(text) == read_objects(text) == []
+    assert from_kitti(text) == objects_from_kitti(text) == []
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_the_sixteenth_column_is_the_score():
 
 @pytest.mark.parametrize("score", ["11.2", "-0.01", "1.0001"])
 def test_scores_that_are_no_probabilities_ask_for_a_rule(score):
-    law = f"Line 2: the score must be between 0 and 1; got {float(score):g}. Pass `to_score`"
+    law = f"line 2: the score must be a number between 0 and 1; got {float(score)}. Pass `to_score`"
     with pytest.raises(ValueError, match=re.escape(law)):
         from_kitti(f"{FOUND} 0.5\n{FOUND} {score}")
 
@@ -109,12 +109,45 @@ def test_scores_that_are_no_probabilities_ask_for_a_rule(score):
 def test_a_rule_maps_scores():
     found = from_kitti(f"{FOUND} 0\n{FOUND} 3", to_score=lambda score: 1 / (1 + math.exp(-score)))
     assert [one.score for one in found] == pytest.approx([0.5, 0.95257], abs=1e-5)
-    with pytest.raises(ValueError, match=r"got 3\. `to_score` must return that"):
-        from_kitti(f"{FOUND} 3", to_score=lambda score: score)
+
+
+def test_the_rule_that_the_message_recommends_is_the_logistic_function_at_any_score():
+    with pytest.raises(ValueError, match="to_score") as caught:
+        from_kitti(f"{FOUND} 800")
+    [rule] = re.findall(r"logits by (.*)\.$", str(caught.value))
+    scores = (-800, -3, 0, 3, 800)
+    found = from_kitti(
+        "\n".join(f"{FOUND} {score}" for score in scores),
+        to_score=lambda score: eval(rule, {"math": math, "score": score}),  # noqa: S307 - our own
+    )
+    expected = [0.0, 1 / (1 + math.exp(3)), 0.5, 1 / (1 + math.exp(-3)), 1.0]
+    assert [one.score for one in found] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        pytest.param(lambda score: score, "got 3.0. `to_score` made that of 3", id="none at all"),
+        pytest.param(lambda _: None, "got None. `to_score` made that of 3", id="nothing"),
+        pytest.param(lambda _: "0.5", "got '0.5'. `to_score` made that of 3", id="text"),
+        pytest.param(
+            lambda score: 1 / (1 + math.exp(300 * score)),
+            "`to_score` must return a number between 0 and 1 for 3; it failed: math range error",
+            id="overflow",
+        ),
+        pytest.param(lambda score: 1 / (score - 3), "it failed: float division", id="division"),
+        pytest.param(lambda score: math.log(-score), "it failed: ", id="domain"),
+        pytest.param(lambda score: score["a"], "it failed: 'float' object is not", id="type"),
+        pytest.param(0.5, "it failed: 'float' object is not callable", id="no rule"),
+    ],
+)
+def test_a_rule_that_fails_is_named_with_its_line(rule, message):
+    with pytest.raises(ValueError, match=f"^line 2: .*{re.escape(message)}"):
+        from_kitti(f"{CAR}\n{FOUND} 3", to_score=rule)
 
 
 def test_what_a_result_does_not_tell_is_nan():
-    [found] = read_objects(f"{FOUND} 0.9")
+    [found] = objects_from_kitti(f"{FOUND} 0.9")
     assert all(map(math.isnan, (found.height_m, found.width_m, found.length_m)))
     assert all(map(math.isnan, (*found.location, found.rotation_y, found.alpha, found.truncated)))
     assert found.occluded is None
@@ -122,9 +155,9 @@ def test_what_a_result_does_not_tell_is_nan():
 
 
 def test_objects_compare_and_pickle_by_value_where_nothing_is_told_too():
-    [one], [other] = read_objects(f"{FOUND} 0.9"), read_objects(f"{FOUND} 0.9")
+    [one], [other] = objects_from_kitti(f"{FOUND} 0.9"), objects_from_kitti(f"{FOUND} 0.9")
     assert one == other == pickle.loads(pickle.dumps(one))  # noqa: S301 - our own bytes
-    assert one != read_objects(CAR)[0]
+    assert one != objects_from_kitti(CAR)[0]
 
 
 def test_only_a_pedestrian_is_known_by_a_second_name():
@@ -142,13 +175,13 @@ def test_the_shipped_table_knows_kittis_classes_but_misc():
 def test_boxes_are_cut_at_the_border_of_a_known_picture():
     [found] = from_kitti(changed(6, 1300, FOUND), image_size=(1242, 375))
     assert found.xyxy == (388.5, 182.0, 1242.0, 203.25)
-    with pytest.raises(ValueError, match="Line 1: the box must overlap the picture, 300 x 375 px"):
+    with pytest.raises(ValueError, match="line 1: the box must overlap the picture, 300 x 375 px"):
         from_kitti(FOUND, image_size=(300, 375))
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, math.pi / 2, 2.6, -1.3, math.pi])
 def test_the_surface_is_the_nearest_of_the_eight_corners(yaw):
-    [car] = read_objects(changed(14, yaw))
+    [car] = objects_from_kitti(changed(14, yaw))
     height, width, length = 1.36, 1.69, 3.38
     turn = np.array(
         [[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]]
@@ -160,14 +193,14 @@ def test_the_surface_is_the_nearest_of_the_eight_corners(yaw):
 
 
 def test_a_surface_beside_the_camera_has_no_depth():
-    [car] = read_objects(changed(13, 1.5))
+    [car] = objects_from_kitti(changed(13, 1.5))
     assert math.isnan(car.surface_depth_m())
 
 
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        pytest.param("label.txt", "15 columns of a label or the 16 of a result; got 1", id="path"),
+        pytest.param("label.txt", "a label must have 15 columns, a result 16; got 1.", id="path"),
         pytest.param(CAR[:-6], "got 14", id="one missing"),
         pytest.param(f"0 1 {CAR}", "got 17. Tracking labels have frame and track", id="tracking"),
         pytest.param(changed(4, "left"), "x1 must be a finite number; got 'left'", id="word"),
@@ -183,14 +216,32 @@ def test_a_surface_beside_the_camera_has_no_depth():
     ],
 )
 def test_what_is_no_line_of_kitti_is_refused_by_its_number(line, message):
-    with pytest.raises(ValueError, match=f"^Line 3.*{re.escape(message)}"):
+    with pytest.raises(ValueError, match=f"^line 3: .*{re.escape(message)}"):
         from_kitti(f"{CAR}\n{DONT_CARE}\n{line}")
 
 
 @pytest.mark.parametrize("text", [Path("a.txt"), CAR.encode(), None, [CAR]], ids=repr)
 def test_what_is_no_text_is_refused(text):
-    with pytest.raises(TypeError, match=r"`text` must be a str; got .* Read the file first"):
+    with pytest.raises(
+        TypeError, match=r"`text` must be a str; got .* Read the file with read_kitti"
+    ):
         from_kitti(text)
+
+
+def test_a_file_is_read_with_or_without_a_byte_order_mark(tmp_path):
+    path = tmp_path / "000000.txt"
+    for mark in (b"", b"\xef\xbb\xbf"):
+        path.write_bytes(mark + f"{FOUND} 3\r\n{DONT_CARE}\r\n".encode())
+        [found] = read_kitti(path, image_size=(420, 375), to_score=lambda score: score / 4)
+        assert (found.label, found.xyxy, found.score) == ("Car", (388.5, 182, 420, 203.25), 0.75)
+
+
+@pytest.mark.parametrize("content", [b"Car 1 2", b"\xff\xfeC"])
+def test_errors_of_a_file_name_it(tmp_path, content):
+    path = tmp_path / "000000.txt"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"000000\.txt: "):
+        read_kitti(path)
 
 
 # --- all label and result files ---
@@ -206,7 +257,7 @@ def test_every_label_file_is_read_line_by_line():
     assert len(paths) == 4062
     for path in paths:
         wanted = [words for words in lines_of(path) if words[0] != "DontCare"]
-        objects = read_objects(path.read_text())
+        objects = objects_from_kitti(path.read_text())
         assert [one.detection.label for one in objects] == [words[0] for words in wanted]
         assert [one.detection.xyxy for one in objects] == [
             tuple(map(float, words[4:8])) for words in wanted
@@ -245,7 +296,7 @@ def test_every_result_file_of_a_real_detector_is_read():
     paths = sorted((KITTI / "detections" / "zenuity").glob("*.txt"))
     assert len(paths) == 3986
     for path in paths:
-        rows, found = lines_of(path), from_kitti(path.read_text())
+        rows, found = lines_of(path), read_kitti(path)
         assert [(one.label, one.score) for one in found] == [
             (words[0], float(words[15])) for words in rows
         ]
@@ -311,10 +362,30 @@ def test_a_scan_goes_through_all_three_matrices(folder):
     assert (frame.depth.kind, frame.depth.image_size) == ("metric", SIZE)
 
 
-def test_the_camera_is_camera_2_as_published(folder):
+def test_the_camera_is_camera_2_as_published_with_half_a_pixel_to_the_border(folder):
     camera = next(kitti.object_frames(folder)).camera
-    assert (camera.focal_px, camera.cx, camera.cy, camera.image_size) == (100, 60, 20, SIZE)
+    assert (camera.focal_px, camera.cx, camera.cy, camera.image_size) == (100, 60.5, 20.5, SIZE)
     assert 0 < camera.focal_rel_std < 0.01
+
+
+def test_boxes_of_labels_are_counted_from_the_border_too(folder):
+    frame = next(kitti.object_frames(folder, depth="labels"))
+    assert [d.xyxy for d in frame.detections] == [(50.5, 10.5, 70.5, 30.5), (0.5, 5.5, 40.5, 35.5)]
+    raw = objects_from_kitti(LABELS)
+    assert [d.height_px for d in frame.detections] == [one.detection.height_px for one in raw]
+
+
+def test_the_box_of_a_label_shows_the_pixels_that_its_object_is_projected_to(folder):
+    # 10 m ahead, projected to 65 and 20 in KITTI's pixels: the middle of a pixel
+    label = "Car 0 0 0 64.9 19.9 65.1 20.1 0.02 0.02 0.02 0 0.01 10 0"
+    write(folder / "training" / "label_2" / "000000.txt", label)
+    scan = np.array([[10.248, 0, 0, 0.3]], dtype="<f4")
+    write(folder / "training" / "velodyne" / "000000.bin", scan.tobytes())
+    frame = next(kitti.object_frames(folder))
+    x1, y1, x2, y2 = frame.detections[0].xyxy
+    [[row, column]] = np.argwhere(np.isfinite(frame.depth.values))
+    assert column <= x1 < x2 <= column + 1
+    assert row <= y1 < y2 <= row + 1
 
 
 def test_labels_give_the_depth_of_nearest_corners(folder):
@@ -379,7 +450,11 @@ def test_a_missing_or_empty_folder_is_named(part, depth, folder):
 @pytest.mark.parametrize(
     ("part", "content", "message"),
     [
-        ("label_2/000000.txt", f"{CAR}\nCar 1 2", "label_2/000000.txt: Line 2 must have the 15"),
+        (
+            "label_2/000000.txt",
+            f"{CAR}\nCar 1 2",
+            "label_2/000000.txt: line 2: a label must have 15",
+        ),
         ("label_2/000000.txt", b"\xff\xfe\x00", "label_2/000000.txt: "),
         ("calib/000000.txt", "P2: 1 2 3\n", "calib/000000.txt: P2 must be 12 numbers; got '1 2 3'"),
         ("calib/000000.txt", "", "calib/000000.txt: P2 must be 12 numbers; got ''"),
@@ -437,7 +512,7 @@ def test_disparity_becomes_metres_by_the_calibration(pair):
     # 100 px x 0.5 m / 5 px
     assert np.unique(frame.depth.values[:, :60]).tolist() == [10.0]
     assert np.isnan(frame.depth.values[:, 60:]).all()
-    assert (frame.camera.focal_px, frame.camera.cx, frame.camera.image_size) == (100, 60, SIZE)
+    assert (frame.camera.focal_px, frame.camera.cx, frame.camera.image_size) == (100, 60.5, SIZE)
     assert (frame.detections, frame.objects, frame.image_path) == ((door,), (), None)
 
 
@@ -508,7 +583,7 @@ def detections_by(detector, name, size):
     if detector == "frustum":
         return list(frustum_detections(name, size))
     folder = TRAINING / "label_2" if detector == "labels" else KITTI / "detections" / detector
-    return from_kitti((folder / f"{name}.txt").read_text(), image_size=size)
+    return read_kitti(folder / f"{name}.txt", image_size=size)
 
 
 @needs_labels
@@ -580,7 +655,7 @@ def test_the_car_of_scene_flow_46_is_as_high_as_its_label_says(depth):
     if depth == "stereo" and find_spec("cv2") is None:
         pytest.skip("OpenCV is not installed")
     text = (SCENE_FLOW / "training" / "label_2_matched" / "000046_10.txt").read_text()
-    [truth] = read_objects(text)
+    [truth] = objects_from_kitti(text)
     frame = kitti.scene_flow_frame(
         *(SCENE_FLOW, "000046_10", [truth.detection]),
         depth=depth,
@@ -605,7 +680,7 @@ def test_the_car_of_scene_flow_46_is_as_high_as_its_label_says(depth):
 @needs_scene_flow
 def test_the_papers_frame_holds_two_vans_and_a_cyclist():
     text = (SCENE_FLOW / "training" / "label_2_matched" / "000003_10.txt").read_text()
-    objects = read_objects(text)
+    objects = objects_from_kitti(text)
     assert [(one.detection.label, round(one.height_m, 2)) for one in objects] == [
         ("Van", 2.0),
         ("Cyclist", 1.74),
@@ -652,6 +727,32 @@ def test_on_kitti_the_library_errs_less_than_the_papers_steps():
     # design.md 6: 9.0 and 3.3 % over all frames
     assert 6 < paper < 12
     assert 2 < library < 5
+
+
+@pytest.mark.parametrize(("frames", "read"), [(1, 1), (2, 2), (3, 3), (300, 3)])
+@pytest.mark.parametrize("root", [".", "training"])
+def test_the_example_reads_as_many_frames_as_it_is_told(frames, read, root, folder):
+    printed = run_example("--root", folder / root, "--frames", frames)
+    assert printed.startswith(f"0 pictures hold two objects of known height or more, {read} do not")
+
+
+@needs_labels
+@pytest.mark.parametrize("frames", [7, 2500])
+def test_the_example_reads_as_many_of_kittis_frames_as_it_is_told(frames):
+    printed = run_example("--root", OBJECT, "--frames", frames)
+    with_two, without = map(int, re.findall(r"(\d+) (?:pictures|do not)", printed.splitlines()[0]))
+    assert with_two + without == frames
+
+
+def test_the_example_reads_at_least_one_frame(folder):
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLE), "--root", str(folder), "--frames", "0"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "--frames must be 1 or more; got 0" in done.stderr
 
 
 def test_on_an_empty_folder_the_example_says_what_is_missing(tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import imgscale as ims
+from imgscale.depth_sources import lidar
 from imgscale.depth_sources.lidar import LidarDepth, depth_from_points
 
 DATA = Path(
@@ -121,6 +122,22 @@ def test_a_scan_cannot_be_changed():
     assert filled(source(np.zeros((21, 41, 3), dtype=np.uint8))) == {(20, 10): 5.0}
     with pytest.raises(attrs.exceptions.FrozenInstanceError):
         source.points = points
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int16])
+def test_the_arrays_of_a_scan_are_read_only_copies(dtype):
+    points, projection = np.array([[0, 0, 5]], dtype=dtype), CAMERA.astype(dtype)
+    source = LidarDepth(points, projection)
+    for ours, given in ((source.points, points), (source.projection, projection)):
+        assert not np.shares_memory(ours, given)
+        with pytest.raises(ValueError, match="read-only"):
+            ours[0, 2] = 7
+
+
+def test_a_scan_is_checked_once(monkeypatch):
+    source = LidarDepth([[0, 0, 5]], CAMERA)
+    monkeypatch.setattr(lidar, "own_floats", None)
+    assert filled(source(np.zeros((21, 41, 3), dtype=np.uint8))) == {(20, 10): 5.0}
 
 
 # --- what is refused ---

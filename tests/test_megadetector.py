@@ -210,7 +210,22 @@ def test_megadetector_sees_a_picture_in_the_size_read_or_it_is_refused(tmp_path,
 def test_windows_separators_find_their_picture(tmp_path):
     save_picture(tmp_path / "site" / "a.jpg")
     path = write_json(tmp_path, results(seen(), file="site\\a.jpg", width=None))
-    assert len(read_megadetector(path, image_folder=tmp_path)["site\\a.jpg"]) == 1
+    assert len(read_megadetector(path, image_folder=tmp_path)["site/a.jpg"]) == 1
+
+
+@pytest.mark.parametrize("told", ["site\\a.jpg", "site/a.jpg"])
+@pytest.mark.parametrize("given", ["site\\a.jpg", "site/a.jpg"])
+def test_files_are_named_with_forward_slashes_however_they_are_told(told, given):
+    content = results(seen(), file=told, width=None)
+    found = from_megadetector(content, image_sizes={given: (2000, 1000)})
+    assert [(file, found[file][0].xyxy[0]) for file in found] == [("site/a.jpg", 500)]
+
+
+def test_a_file_told_with_both_kinds_of_slash_came_twice():
+    content = results(seen(), file="site\\a.jpg")
+    content["images"] += results(seen(), file="site/a.jpg")["images"]
+    with pytest.raises(ValueError, match=r"^images\[1\]: .*'site/a.jpg' came before"):
+        from_megadetector(content)
 
 
 def test_only_pictures_that_need_a_size_are_opened(tmp_path):

@@ -147,11 +147,11 @@ def test_supervision_takes_the_same_boxes_from_an_annotation():
             "<object><name>dog</name><bndbox><xmin>1</xmin></bndbox></object>",
             r"<bndbox> must have <ymin>; got <xmin>",
         ),
-        (thing(box=("left", 1, 2, 3)), r"<xmin> must be a number; got 'left'"),
-        (thing(box=(1, 1, 2, "nan")), r"<ymax> must be a number; got 'nan'"),
+        (thing(box=("left", 1, 2, 3)), r"<xmin> must be a finite number; got 'left'"),
+        (thing(box=(1, 1, 2, "nan")), r"<ymax> must be a finite number; got 'nan'"),
         (thing(box=(195, 240, 48, 371)), r"x1 < x2 and y1 < y2"),
         (thing(box=(400, 240, 420, 371)), r"overlap the picture, 353 x 500"),
-        (thing("<truncated>Unspecified</truncated>"), r"<truncated> must be a number"),
+        (thing("<truncated>Unspecified</truncated>"), r"<truncated> must be a finite number"),
     ],
 )
 def test_a_broken_object_is_named_by_its_index(broken, message):

@@ -8,6 +8,7 @@ from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pytest
 from PIL import Image
@@ -336,7 +337,7 @@ def with_box(**changes):
         pytest.param(
             {"Labels": [{"Name": "Car", "Instances": [{"BoundingBox": {"Left": 0.1}}]}]},
             ValueError,
-            "must hold Left, Top, Width and Height; got none of Top, Width, Height",
+            "must hold Left, Top, Width and Height; it lacks Top, Width, Height",
             id="box keys",
         ),
         pytest.param(
@@ -472,11 +473,20 @@ def test_nothing_but_the_picture_is_sent_unless_asked_for():
 
 
 def test_options_are_copied_when_the_detector_is_made():
-    recorder, options = Recorder(), {"MaxLabels": 5}
+    recorder, options = Recorder(), {"MaxLabels": 5, "Settings": {}}
     detector = RekognitionDetector(recorder, options=options)
     options["MaxLabels"] = 50
+    options["Settings"]["GeneralLabels"] = {}
     detector(noise(64, 48))
-    assert recorder.requests[0]["MaxLabels"] == 5
+    del recorder.requests[0]["Image"]
+    assert recorder.requests[0] == {"MaxLabels": 5, "Settings": {}}
+    assert attrs.evolve(detector, client=Recorder()).options == detector.options
+
+
+def test_options_cannot_be_changed_afterwards():
+    detector = RekognitionDetector(Recorder(), options={"MaxLabels": 5})
+    with pytest.raises(TypeError, match="does not support item assignment"):
+        detector.options["Image"] = {}
 
 
 def test_the_picture_sent_is_a_jpeg_of_the_same_size_and_colours():
@@ -522,6 +532,7 @@ def test_the_detector_is_a_detector():
         (SimpleNamespace(), {}, TypeError, "`client` must have a method detect_labels"),
         (Recorder(), {"Image": {}}, ValueError, "`options` must leave Image"),
         (Recorder(), 5, TypeError, "`options` must be a dict; got int"),
+        (Recorder(), (5,), TypeError, "`options` must be a dict; got tuple"),
     ],
 )
 def test_a_detector_that_cannot_work_is_not_made(client, options, error, message):

@@ -284,19 +284,33 @@ IMAGE = np.zeros((4, 6, 3), dtype=np.uint8)
         (IMAGE, IMAGE / 255, r"`right` must be .* uint8; got \(4, 6, 3\) float64"),
         (np.zeros((4, 6, 4), dtype=np.uint8), IMAGE, r"`left` must be .* got \(4, 6, 4\) uint8"),
         (IMAGE[:0], IMAGE[:0], r"`left` must be .* got \(0, 6, 3\) uint8"),
-        ("left.png", "right.png", r"`left` must be .* got \(\) str"),
-        (IMAGE, None, r"`right` must be .* got \(\) NoneType"),
     ],
-    ids=["size", "grey", "16 bits", "floats", "alpha", "empty", "path", "none"],
+    ids=["size", "grey", "16 bits", "floats", "alpha", "empty"],
 )
 def test_what_is_no_pair_of_pictures_is_refused_before_opencv_is_needed(left, right, message):
     with pytest.raises(ValueError, match=message):
         stereo_disparity(left, right)
 
 
+@pytest.mark.parametrize(
+    ("left", "right", "message"),
+    [
+        ("left.png", "right.png", "`left` must be .* got str"),
+        (IMAGE, None, "`right` must be .* got NoneType"),
+        (IMAGE.tolist(), IMAGE, "`left` must be .* got list"),
+    ],
+    ids=["path", "none", "list"],
+)
+def test_what_is_no_array_is_of_another_type(left, right, message):
+    with pytest.raises(TypeError, match=message):
+        stereo_disparity(left, right)
+
+
 def test_a_right_picture_is_looked_at_when_it_is_given():
-    with pytest.raises(ValueError, match="`right` must be"):
+    with pytest.raises(TypeError, match="`right` must be"):
         StereoDepth(700.0, 0.5).beside("right.png")
+    with pytest.raises(ValueError, match="`right` must be"):
+        StereoDepth(700.0, 0.5).beside(IMAGE / 255)
 
 
 @pytest.mark.parametrize(

@@ -281,11 +281,19 @@ def test_no_detections_make_empty_detections(sv):
     assert len(sv.Detections.merge([theirs, to_supervision(OURS)])) == 3
 
 
-@pytest.mark.parametrize("tracks", [(None, None), (1, None), ("a", "b"), (1, "b")])
+@pytest.mark.parametrize("tracks", [(None, None), ("a", "b"), (1, "b"), ("a", None)])
 @pytest.mark.usefixtures("sv")
-def test_track_ids_are_written_only_where_all_are_whole_numbers(tracks):
+def test_track_ids_are_written_only_where_there_are_some_and_none_is_a_name(tracks):
     ours = [ims.Detection("car", (0, 0, 5, 5), track_id=track) for track in tracks]
     assert to_supervision(ours).tracker_id is None
+
+
+@pytest.mark.usefixtures("sv")
+def test_a_detection_that_is_not_tracked_keeps_the_others_tracks():
+    ours = [ims.Detection("car", (0, 0, 5, 5), track_id=track) for track in (8, None, 0)]
+    theirs = to_supervision(ours)
+    assert theirs.tracker_id.tolist() == [8, -1, 0]
+    assert from_supervision(theirs) == ours
 
 
 @pytest.mark.usefixtures("sv")

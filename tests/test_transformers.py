@@ -364,6 +364,11 @@ def test_results_that_are_not_one_pictures_detections_are_refused(results, error
         detections_from(results, id2label=NAMES)
 
 
+def test_a_text_is_no_column_of_names():
+    with pytest.raises(ValueError, match='"text_labels" being str'):
+        detections_from(POST_PROCESSED | {"text_labels": "ab"})
+
+
 def test_numbers_without_names_are_refused():
     with pytest.raises(ValueError, match=r"Pass id2label=model\.config\.id2label"):
         detections_from(POST_PROCESSED)
@@ -608,6 +613,30 @@ def test_configurations_that_do_not_tell_are_refused(tf):
     for config in (canopy, prompted, on_dinov2, without_view, tf.YolosConfig(), None):
         with pytest.raises(ValueError, match=r'pass kind=, one of "metric", "relative", "inverse"'):
             kind_of(config)
+
+
+@pytest.mark.parametrize(
+    "thin",
+    [
+        pytest.param({"model_type": "depth_anything"}, id="no type of depth"),
+        pytest.param(
+            {"model_type": "depth_anything", "depth_estimation_type": "Metric"}, id="odd type"
+        ),
+        pytest.param(
+            {"model_type": "depth_anything", "depth_estimation_type": ["metric"]}, id="list"
+        ),
+        pytest.param({"model_type": "dpt"}, id="no backbone"),
+        pytest.param(
+            {"model_type": "dpt", "backbone_config": {"model_type": "dinov2"}}, id="bare backbone"
+        ),
+        pytest.param({"model_type": "depth_pro"}, id="no field of view"),
+        pytest.param({"model_type": ["glpn"]}, id="a list for a name"),
+        pytest.param({}, id="nothing"),
+    ],
+)
+def test_a_thin_or_odd_configuration_does_not_tell(thin):
+    with pytest.raises(ValueError, match="`kind` must be given where the model's configuration"):
+        kind_of(SimpleNamespace(**thin))
 
 
 def test_every_depth_model_of_transformers_was_looked_at(tf):

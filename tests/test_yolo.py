@@ -118,7 +118,10 @@ def test_supervision_takes_the_same_box_and_nearly_the_same_pixels_from_a_polygo
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("3 0.5 0.5 0.1 0.1", r"a number with a name in `class_names`, 3; got '3'"),
+        (
+            "3 0.5 0.5 0.1 0.1",
+            r"a number with a name in `class_names`; got '3' and names for 0, 1, 2\.",
+        ),
         ("-1 0.5 0.5 0.1 0.1", r"got '-1'"),
         ("0.5 0.5 0.5 0.1 0.1", r"got '0.5'"),
         ("car 0.5 0.5 0.1 0.1", r"got 'car'"),
@@ -159,6 +162,12 @@ def test_the_count_of_a_polygons_numbers_is_checked_too():
 def test_broken_arguments_are_named(argument, value, message):
     with pytest.raises((TypeError, ValueError), match=re.escape(message)):
         read("1 0.5 0.5 0.1 0.1", **{argument: value})
+
+
+def test_of_many_names_only_the_first_numbers_are_listed():
+    names = dict.fromkeys(range(80), "thing")
+    with pytest.raises(ValueError, match=r"got '80' and names for 0, 1, 2, 3, 4, \.\.\.\.$"):
+        read("80 0.5 0.5 0.1 0.1", class_names=names)
 
 
 def test_a_path_in_the_place_of_text_is_refused(tmp_path):

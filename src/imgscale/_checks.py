@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import attrs
@@ -13,6 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 from imgscale._typing import AnyFloatArray, ImageSize
 
 T = TypeVar("T")
+
+
+@contextmanager
+def within(place: object) -> Generator[None]:
+    """Put the place, a file or an entry, before the message of an error raised inside."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        msg = f"{place}: {error}"
+        raise kind(msg) from error
 
 
 def as_float(value: float) -> float:

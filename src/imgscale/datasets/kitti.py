@@ -5,8 +5,9 @@ The folders are the user's own, as unpacked; nothing is downloaded, and a file t
 not there is named. KITTI: (c) Karlsruhe Institute of Technology and TTI Chicago, CC BY-NC-SA 3.0;
 Geiger, Lenz and Urtasun, CVPR 2012; Menze and Geiger, CVPR 2015.
 
-The camera is camera 2, the left one in colour. Its principal point is kept as published, with pixel
-centres at whole numbers, as are the boxes of labels.
+The camera is camera 2, the left one in colour. KITTI counts pixels from the centre of the first
+one, the package from its left edge: half a pixel is added to the principal point and to both
+corners of the boxes of labels. Their sizes stay.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import Any, Literal
 import attrs
 import numpy as np
 
-from imgscale._checks import as_known_image_size, check_choice, positive_number
+from imgscale._checks import as_known_image_size, check_choice, positive_number, within
 from imgscale._typing import BoolArray, FloatArray, ImageArray, ImageSize
 from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, ObjectDepths
@@ -28,8 +29,7 @@ from imgscale.depth_sources.files import read_values
 from imgscale.depth_sources.lidar import depth_from_points
 from imgscale.depth_sources.stereo import StereoDepth
 from imgscale.detection import Detection
-from imgscale.detectors._files import within
-from imgscale.detectors.kitti import KittiObject, read_objects
+from imgscale.detectors.kitti import KittiObject, objects_from_kitti
 from imgscale.frame import Frame
 
 __all__ = ["KittiFrame", "object_frames", "scene_flow_frame"]
@@ -37,6 +37,7 @@ __all__ = ["KittiFrame", "object_frames", "scene_flow_frame"]
 # Judged: before rectification fx and fy of a camera differ by 0.2 % in the published calibration.
 _FOCAL_REL_STD = 0.002
 _DISPARITY_UNITS = 256.0
+_FIRST_CENTRE = 0.5  # the centre of the first pixel, where KITTI's coordinates are 0
 
 
 @attrs.frozen(eq=False)
@@ -55,7 +56,8 @@ class KittiFrame(Frame):
     name : str
         The image's name, "000001" or "000046_10".
     objects : tuple of KittiObject
-        What the labels tell of each detection, in their order; empty for Scene Flow.
+        What the labels tell of each detection, in their order, with the detection as it is here;
+        empty for Scene Flow.
     image_path : Path or None
         The picture, None where it is not there.
     """
@@ -143,8 +145,9 @@ def scene_flow_frame(
     name : str
         The image, as "000046_10".
     detections : iterable of Detection, optional
-        What is in the picture. Where omitted, the masks of `obj_map`, all as "car": they are moving
-        vehicles, vans too, and of hidden ones only what is seen, which is too small.
+        What is in the picture, with half a pixel added to boxes of KITTI's labels. Where omitted,
+        the masks of `obj_map`, all as "car": they are moving vehicles, vans too, and of hidden ones
+        only what is seen, which is too small.
     depth : str
         "disparity": the true one, `disp_occ_0`. "stereo": `image_2` matched with `image_3` by
         `StereoDepth`, which needs the extra "stereo".
@@ -201,23 +204,16 @@ def scene_flow_frame(
 
 
 def _object_frame(folder: Path, name: str, depth: str, size: ImageSize | None) -> KittiFrame:
-    labels, calibration = folder / "label_2" / f"{name}.txt", folder / "calib" / f"{name}.txt"
-    picture = folder / "image_2" / f"{name}.png"
-    with within(labels):
-        objects = read_objects(_text(labels, "labels, which only training pictures have"))
+    objects = _objects(folder / "label_2" / f"{name}.txt")
+    calibration = folder / "calib" / f"{name}.txt"
     matrices = _matrices(calibration)
     projection = _matrix(calibration, matrices, "P2", (3, 4))
+    picture = folder / "image_2" / f"{name}.png"
     has_picture = picture.is_file()
-    if has_picture:
-        size = _picture_size(picture)
-    elif size is None and depth == "lidar":
-        msg = (
-            f"{picture} is missing: LiDAR depth takes the picture's size from it. Pass "
-            "image_size=(width, height) instead."
-        )
-        raise FileNotFoundError(msg)
+    size = _picture_size(picture) if has_picture else size
     found: Depth
-    if size is not None and depth == "lidar":
+    if depth == "lidar":
+        size = _known(size, picture)
         from_scanner = projection @ _scanner_to_camera(calibration, matrices)
         found = _scan_depth(folder / "velodyne" / f"{name}.bin", from_scanner, size)
     else:
@@ -231,6 +227,31 @@ def _object_frame(folder: Path, name: str, depth: str, size: ImageSize | None) -
         objects=tuple(objects),
         image_path=picture if has_picture else None,
     )
+
+
+def _objects(path: Path) -> list[KittiObject]:
+    """Read labels, their boxes from the left edge of the first pixel."""
+    with within(path):
+        text = _text(path, "labels, which only training pictures have")
+        return [
+            attrs.evolve(one, detection=_from_edge(one.detection))
+            for one in objects_from_kitti(text)
+        ]
+
+
+def _from_edge(detection: Detection) -> Detection:
+    x1, y1, x2, y2 = (edge + _FIRST_CENTRE for edge in detection.xyxy)
+    return detection.with_box((x1, y1, x2, y2))
+
+
+def _known(size: ImageSize | None, picture: Path) -> ImageSize:
+    if size is None:
+        msg = (
+            f"{picture} is missing: LiDAR depth takes the picture's size from it. Pass "
+            "image_size=(width, height) instead."
+        )
+        raise FileNotFoundError(msg)
+    return size
 
 
 def _scan_depth(path: Path, projection: FloatArray, size: ImageSize) -> DepthMap:
@@ -343,8 +364,8 @@ def _camera(projection: FloatArray, size: ImageSize | None) -> Camera:
     return Camera(
         float(projection[0, 0]),
         focal_rel_std=_FOCAL_REL_STD,
-        cx=float(projection[0, 2]),
-        cy=float(projection[1, 2]),
+        cx=float(projection[0, 2]) + _FIRST_CENTRE,
+        cy=float(projection[1, 2]) + _FIRST_CENTRE,
         image_size=size,
     )
 

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from imgscale._checks import positive_number
+from imgscale._checks import positive_number, within
 from imgscale._depth_values import METRIC_SCALES
 from imgscale._typing import DepthKind, FloatArray
 from imgscale.depth_map import DepthMap
@@ -71,11 +71,8 @@ def read_depth(
     >>> source = lambda image: read_depth("depth.png", kind="metric", scale=1000)
     """
     values = read_values(path, scale=scale, key=key)
-    try:
+    with within(path):
         return DepthMap(values, kind=kind, image_size=image_size, scale_rel_std=scale_rel_std)
-    except ValueError as error:
-        msg = f"{path}: {error}"
-        raise ValueError(msg) from error
 
 
 def read_values(

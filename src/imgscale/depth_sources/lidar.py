@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imgscale._checks import array_summary, as_known_image_size, own_floats
-from imgscale._typing import AnyFloatArray, FloatArray, ImageArray
+from imgscale._typing import FloatArray, ImageArray, ImageSize
 from imgscale.depth import DepthMap
 from imgscale.picture import size_of
 
@@ -66,12 +66,14 @@ def depth_from_points(
     array([[nan, nan, nan],
            [nan, nan,  8.]])
     """
-    matrix = _as_projection(projection)
-    width, height = as_known_image_size(image_size)
-    sensor = _as_points(points)
+    return _project(_as_points(points), _as_projection(projection), as_known_image_size(image_size))
+
+
+def _project(points: FloatArray, projection: FloatArray, image_size: ImageSize) -> DepthMap:
+    width, height = image_size
     # Nothing is a point that is not finite; far ones may overflow on their way.
     with np.errstate(all="ignore"):
-        scaled: FloatArray = sensor @ matrix[:, :3].T + matrix[:, 3]
+        scaled: FloatArray = points @ projection[:, :3].T + projection[:, 3]
         z = scaled[:, 2]
         columns = np.floor(scaled[:, 0] / z + 0.5)
         rows = np.floor(scaled[:, 1] / z + 0.5)
@@ -90,8 +92,15 @@ def depth_from_points(
     return DepthMap(depth, kind="metric")
 
 
+def _own_float64(name: str, values: ArrayLike, shape_law: str) -> FloatArray:
+    """Copy real values into a read-only array of float64."""
+    array: FloatArray = own_floats(name, values, 2, shape_law).astype(np.float64, copy=False)
+    array.flags.writeable = False
+    return array
+
+
 def _as_points(points: ArrayLike) -> FloatArray:
-    sensor = own_floats("points", points, 2, "(N, 3)").astype(np.float64)
+    sensor = _own_float64("points", points, "(N, 3)")
     if sensor.shape[1] != 3:
         msg = (
             f"`points` must have shape (N, 3); got {sensor.shape}. Leave out what is not x, y, z: "
@@ -102,7 +111,7 @@ def _as_points(points: ArrayLike) -> FloatArray:
 
 
 def _as_projection(projection: ArrayLike) -> FloatArray:
-    matrix = own_floats("projection", projection, 2, "(3, 4)").astype(np.float64)
+    matrix = _own_float64("projection", projection, "(3, 4)")
     if matrix.shape != (3, 4) or not np.isfinite(matrix).all():
         seen = f"shape {matrix.shape}" if matrix.shape != (3, 4) else "a number that is not"
         msg = f"`projection` must have shape (3, 4) and finite numbers; got {seen}."
@@ -124,10 +133,17 @@ class LidarDepth:
 
     Attributes
     ----------
-    points : (N, 3) ndarray of float
-        As for `depth_from_points`.
-    projection : (3, 4) ndarray of float
-        As for `depth_from_points`.
+    points : (N, 3) ndarray of float64
+        As for `depth_from_points`; a copy, read-only.
+    projection : (3, 4) ndarray of float64
+        As for `depth_from_points`; a copy, read-only.
+
+    Raises
+    ------
+    ValueError
+        If a shape or the projection breaks its law.
+    TypeError
+        If the arrays hold no real numbers.
 
     Examples
     --------
@@ -138,8 +154,8 @@ class LidarDepth:
     (3, 2)
     """
 
-    points: AnyFloatArray = attrs.field(converter=_as_points, repr=array_summary)
-    projection: AnyFloatArray = attrs.field(converter=_as_projection, repr=array_summary)
+    points: FloatArray = attrs.field(converter=_as_points, repr=array_summary)
+    projection: FloatArray = attrs.field(converter=_as_projection, repr=array_summary)
 
     def __call__(self, image: ImageArray, /) -> DepthMap:
         """
@@ -160,4 +176,4 @@ class LidarDepth:
         TypeError, ValueError
             If `image` is no picture, or no point falls into it.
         """
-        return depth_from_points(self.points, self.projection, size_of(image))
+        return _project(self.points, self.projection, size_of(image))

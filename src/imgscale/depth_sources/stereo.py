@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 
 from imgscale._checks import as_float, finite, non_negative, positive
 from imgscale._optional import require
@@ -69,6 +70,8 @@ def stereo_disparity(
     ValueError
         If the pictures are no pair, the range breaks its law, or fewer than 10 % of the pixels
         match: the pictures are then swapped or not rectified, or the range misses the scene.
+    TypeError
+        If a picture is no array, or the range not of whole numbers.
 
     Notes
     -----
@@ -189,7 +192,7 @@ class StereoDepth:
         ------
         MissingDependencyError
             If OpenCV is not installed.
-        ValueError
+        ValueError, TypeError
             As `stereo_disparity` does.
         """
         disparity = stereo_disparity(
@@ -224,17 +227,22 @@ class StereoDepth:
         ------
         ValueError
             If `right` is no picture.
+        TypeError
+            If it is no array.
         """
         _check_picture("right", right)
         return functools.partial(self, right=right.copy())
 
 
 def _check_picture(name: str, picture: object) -> None:
-    shape = cast("tuple[int, ...]", getattr(picture, "shape", ()))
-    lawful = len(shape) == 2 or (len(shape) == 3 and shape[2] == 3)
-    dtype = getattr(picture, "dtype", type(picture).__name__)
-    if dtype != np.uint8 or not lawful or 0 in shape:
-        msg = f"`{name}` must be (H, W, 3) RGB or (H, W) grey, uint8; got {shape} {dtype}."
+    law = f"`{name}` must be (H, W, 3) RGB or (H, W) grey, uint8"
+    if not isinstance(picture, np.ndarray):
+        msg = f"{law}; got {type(picture).__name__}."
+        raise TypeError(msg)
+    array = cast("NDArray[Any]", picture)
+    lawful = array.ndim == 2 or (array.ndim == 3 and array.shape[2] == 3)
+    if array.dtype != np.uint8 or not lawful or not array.size:
+        msg = f"{law}; got {array.shape} {array.dtype}."
         raise ValueError(msg)
 
 

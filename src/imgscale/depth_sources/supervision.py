@@ -86,17 +86,7 @@ def from_supervision(
     >>> from_supervision(theirs).values
     array([[ 5., nan]])
     """
-    parts = [hasattr(depth_map, name) for name in ("kind", "camera")]
-    if not (all(parts) and callable(getattr(depth_map, "to_float", None))):
-        msg = (
-            f"`depth_map` must be a supervision.DepthMap; got {type(depth_map).__name__}. Arrays "
-            "go through DepthMap(values, kind=...)."
-        )
-        raise TypeError(msg)
-    kind = getattr(depth_map.kind, "value", depth_map.kind)
-    if not isinstance(kind, str) or kind not in _KINDS:
-        msg = f"`depth_map.kind` must be one of {', '.join(_KINDS)}; got {kind!r}."
-        raise ValueError(msg)
+    kind = _kind_of(depth_map)
     values, camera = depth_map.to_float(), depth_map.camera
     if kind != _DISPARITY or camera is None:
         return DepthMap(
@@ -113,6 +103,22 @@ def from_supervision(
         image_size=image_size,
         scale_rel_std=scale_rel_std,
     )
+
+
+def _kind_of(depth_map: Any) -> str:
+    """Read the kind of a map, or say that it is none."""
+    parts = [hasattr(depth_map, name) for name in ("kind", "camera")]
+    if not (all(parts) and callable(getattr(depth_map, "to_float", None))):
+        msg = (
+            f"`depth_map` must be a supervision.DepthMap; got {type(depth_map).__name__}. Arrays "
+            "go through DepthMap(values, kind=...)."
+        )
+        raise TypeError(msg)
+    kind = getattr(depth_map.kind, "value", depth_map.kind)
+    if not isinstance(kind, str) or kind not in _KINDS:
+        msg = f"`depth_map.kind` must be one of {', '.join(_KINDS)}; got {kind!r}."
+        raise ValueError(msg)
+    return kind
 
 
 def to_supervision(depth: DepthMap) -> Any:

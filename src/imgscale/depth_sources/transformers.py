@@ -30,7 +30,7 @@ __all__ = ["TransformersDepth", "from_transformers", "kind_of"]
 _SKY_M = 9_900.0
 _NETWORK_SCALE_REL_STD = 0.15
 # DPT's heads on these backbones come from MiDaS. On DINOv2's the published ones give metres.
-_MIDAS_BACKBONES = {None, "beit", "bit", "swinv2"}
+_MIDAS_BACKBONES = ("beit", "bit", "swinv2")
 
 
 def kind_of(config: Any) -> DepthKind:
@@ -63,9 +63,10 @@ def kind_of(config: Any) -> DepthKind:
     ------
     ValueError
         If the configuration does not tell: dpt on DINOv2 (metres as published, anything as
-        trained by others), depth_pro without its field of view ("relative" after post-processing),
-        prompt_depth_anything (the unit of its prompt), chmv2 (the height of trees seen from above,
-        no depth at all) and models that are not in the table.
+        trained by others), depth_anything of another type or of none, depth_pro without its field
+        of view ("relative" after post-processing), prompt_depth_anything (the unit of its prompt),
+        chmv2 (the height of trees seen from above, no depth at all) and models that are not in the
+        table.
 
     Notes
     -----
@@ -80,15 +81,16 @@ def kind_of(config: Any) -> DepthKind:
     'affine_inverse'
     """
     model_type = getattr(config, "model_type", None)
-    if model_type == "depth_anything":
-        return "metric" if config.depth_estimation_type == "metric" else "affine_inverse"
-    if model_type == "dpt":
-        backbone = getattr(config.backbone_config, "model_type", None)
-        if backbone in _MIDAS_BACKBONES:
-            return "affine_inverse"
-    if model_type in {"glpn", "tipsv2_dpt", "zoedepth"}:
+    told = getattr(config, "depth_estimation_type", None)
+    if model_type == "depth_anything" and told == "relative":
+        return "affine_inverse"
+    if model_type == "depth_anything" and told == "metric":
         return "metric"
-    if model_type == "depth_pro" and config.use_fov_model:
+    if model_type == "dpt" and _is_midas(config):
+        return "affine_inverse"
+    if model_type in ("glpn", "tipsv2_dpt", "zoedepth"):
+        return "metric"
+    if model_type == "depth_pro" and getattr(config, "use_fov_model", False):
         return "metric"
     listed = ", ".join(f'"{kind}"' for kind in VALUE_KINDS)
     msg = (
@@ -97,6 +99,12 @@ def kind_of(config: Any) -> DepthKind:
         f"{listed}."
     )
     raise ValueError(msg)
+
+
+def _is_midas(config: Any) -> bool:
+    """Tell MiDaS by its backbone; its plain ViT is written as none."""
+    backbone = getattr(config, "backbone_config", "not told")
+    return backbone is None or getattr(backbone, "model_type", None) in _MIDAS_BACKBONES
 
 
 def from_transformers(
@@ -171,22 +179,23 @@ def _predicted_depth(result: Any) -> AnyFloatArray:
         if "depth" in found:
             msg += ' "depth" has 8 bits, stretched for display: no depth can be read from it.'
         raise ValueError(msg)
-    given: Any = found["predicted_depth"]
-    array: Any = as_numpy(given) if hasattr(given, "detach") else given
-    values = as_array("predicted_depth", "an array of shape (H, W)", array)
+    return _one_map(found["predicted_depth"])
+
+
+def _one_map(given: Any) -> AnyFloatArray:
+    """Turn a tensor of one picture into an (H, W) array."""
+    name, law = 'result["predicted_depth"]', "of shape (H, W) or (1, H, W), one picture"
+    values = as_array(name, law, as_numpy(given) if hasattr(given, "detach") else given)
     if values.dtype.kind != "f":
         msg = (
-            f"`predicted_depth` must be floating point; got dtype {values.dtype}. Pass what the "
-            "network gave, not a picture of it."
+            f"`{name}` must be floating point; got dtype {values.dtype}. Pass what the network "
+            "gave, not a picture of it."
         )
         raise ValueError(msg)
     if values.ndim == 3 and values.shape[0] == 1:
         values = values[0]
     if values.ndim != 2:
-        msg = (
-            '`result["predicted_depth"]` must have shape (H, W) or (1, H, W), one picture; got '
-            f"{values.shape}."
-        )
+        msg = f"`{name}` must be {law}; got {values.shape}."
         raise ValueError(msg)
     return values
 
@@ -228,7 +237,7 @@ def _check_kind(_: object, __: attrs.Attribute[Any], value: str) -> None:
     check_choice("kind", value, VALUE_KINDS)
 
 
-@attrs.frozen
+@attrs.frozen(eq=False)
 class TransformersDepth:
     """
     Run a depth network of transformers; it satisfies `DepthSource`.
@@ -349,7 +358,10 @@ class TransformersDepth:
     def _run(self, image: ImageArray) -> Mapping[str, Any]:
         """Take a picture through the processor, the model and the post-processing."""
         torch = require("torch", extra="transformers", purpose="TransformersDepth")
-        if self.model.config.model_type == "zoedepth" and find_spec("torchvision") is None:
+        if (
+            getattr(self.model.config, "model_type", None) == "zoedepth"
+            and find_spec("torchvision") is None
+        ):
             msg = (
                 "ZoeDepth's post-processing needs the package 'torchvision'; install the one made "
                 f"for your torch, {torch.__version__}."

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from imgscale.detectors.coco import from_coco, read_coco
 from imgscale.detectors.face import FaceDetector
-from imgscale.detectors.kitti import KittiObject, from_kitti, read_objects
+from imgscale.detectors.kitti import KittiObject, from_kitti, objects_from_kitti, read_kitti
 from imgscale.detectors.megadetector import from_megadetector, read_megadetector
 from imgscale.detectors.pascal_voc import from_pascal_voc, read_pascal_voc
 from imgscale.detectors.rekognition import RekognitionDetector, from_rekognition
@@ -36,9 +36,10 @@ __all__ = [
     "from_transformers",
     "from_ultralytics",
     "from_yolo",
+    "objects_from_kitti",
     "read_coco",
+    "read_kitti",
     "read_megadetector",
-    "read_objects",
     "read_pascal_voc",
     "read_yolo",
     "to_supervision",

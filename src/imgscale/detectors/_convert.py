@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Never
+from typing import Any, Never, cast
 
 import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imgscale._checks import as_float, four_numbers
+from imgscale._checks import as_float, four_numbers, within
 from imgscale._tensors import as_numpy
 from imgscale._typing import Box, ImageSize
 from imgscale.detection import Detection
 
+_SHOWN_KEYS = 5
 
-def column(results: Mapping[str, Any], name: str, key: str, law: str, remedy: str) -> Any:
+
+def column(results: Mapping[str, Any], name: str, key: str, law: str, remedy: str) -> Sequence[Any]:
     """
     Fetch one column of a detector's dict as a list.
 
@@ -43,36 +45,37 @@ def column(results: Mapping[str, Any], name: str, key: str, law: str, remedy: st
     """
     values: Any = results.get(key)
     # `tolist` knows every number type, device and gradient
-    listed = values.tolist() if hasattr(values, "tolist") else values
-    if not hasattr(listed, "__len__"):
-        msg = (
-            f'`{name}` must have {law}; got {list(results)}, "{key}" being '
-            f"{type(listed).__name__}. {remedy}"
-        )
+    listed: object = values.tolist() if hasattr(values, "tolist") else values
+    got = type(listed).__name__
+    is_column = not isinstance(listed, (str, bytes)) and isinstance(listed, Sequence)
+    if not is_column:
+        msg = f'`{name}` must have {law}; got {list(results)}, "{key}" being {got}. {remedy}'
         raise ValueError(msg)
-    return listed
+    return cast("Sequence[Any]", listed)
 
 
-def clip(xyxy: Box, image_size: ImageSize) -> Box | None:
+def has_area_in(xyxy: Sequence[float], image_size: ImageSize) -> bool:
     """
-    Cut a box at the picture's border, as detectors draw a little beyond it.
+    Tell whether a runner should report a box: models give flat ones, and some beyond the border.
 
     Parameters
     ----------
-    xyxy : tuple of float
+    xyxy : (4,) sequence of float
         Corners x1, y1, x2, y2 in pixels.
     image_size : (width, height)
         Size of the picture in pixels.
 
     Returns
     -------
-    tuple of float or None
-        The part inside; None where there is none.
+    bool
+        False where it is flat or wholly outside. True for what is no box, inverted or not a
+        number: its converter refuses that by its place.
     """
     x1, y1, x2, y2 = xyxy
     width, height = image_size
-    inside = (max(x1, 0.0), max(y1, 0.0), min(x2, float(width)), min(y2, float(height)))
-    return inside if inside[0] < inside[2] and inside[1] < inside[3] else None
+    is_flat = x1 == x2 or y1 == y2
+    is_outside = x2 <= 0 or y2 <= 0 or x1 >= width or y1 >= height
+    return not (is_flat or is_outside)
 
 
 def make_detection(
@@ -122,19 +125,24 @@ def make_detection(
     ValueError, TypeError
         As `Detection` does, naming the place; also for a box wholly outside the picture.
     """
-    try:
+    with within(place):
         box = four_numbers("xyxy", "four numbers (x1, y1, x2, y2)", xyxy)
         made = Detection(
             label, box, score=score, partial=partial, track_id=track_id, aliases=aliases
         )
-        inside = box if image_size is None else clip(box, image_size)
+        inside = box if image_size is None else _clip(box, image_size)
         if inside is None:
             _raise_outside(box, image_size)
         made = made if inside == box else made.with_box(inside)
         return made if mask is None else _with_mask(made, mask, image_size)
-    except (TypeError, ValueError) as error:
-        msg = f"{place}: {error}"
-        raise type(error)(msg) from error
+
+
+def _clip(xyxy: Box, image_size: ImageSize) -> Box | None:
+    """Cut a box at the picture's border, as detectors draw a little beyond it; None if outside."""
+    x1, y1, x2, y2 = xyxy
+    width, height = image_size
+    inside = (max(x1, 0.0), max(y1, 0.0), min(x2, float(width)), min(y2, float(height)))
+    return inside if inside[0] < inside[2] and inside[1] < inside[3] else None
 
 
 def _raise_outside(box: Box, image_size: ImageSize | None) -> Never:
@@ -227,3 +235,28 @@ def whole_number(place: str, name: str, number: Any) -> int:
         msg = f"{place}: `{name}` must be a whole number; got {value!r}."
         raise ValueError(msg)
     return int(number)
+
+
+def known_classes(names: Mapping[Any, str]) -> str:
+    """
+    Tell which classes have names, for the message that one has none.
+
+    Parameters
+    ----------
+    names : mapping
+        The names by class number.
+
+    Returns
+    -------
+    str
+        The first keys, with a full stop behind them, and what to do where they are strings.
+    """
+    keys = list(names)
+    listed = ", ".join(map(repr, keys[:_SHOWN_KEYS])) or "none"
+    more = ", ..." if len(keys) > _SHOWN_KEYS else ""
+    remedy = (
+        " Keys must be whole numbers: {int(key): name for key, name in names.items()}."
+        if any(isinstance(key, str) for key in keys)
+        else ""
+    )
+    return f"{listed}{more}.{remedy}"

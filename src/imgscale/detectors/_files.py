@@ -1,10 +1,10 @@
-"""What files of detections need: errors that name their place, and masks out of polygons."""
+"""What files of detections need: members of JSON, numbers of text, masks out of polygons."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+import math
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeGuard, cast
@@ -13,17 +13,6 @@ from numpy.typing import NDArray
 
 from imgscale._checks import as_known_image_size
 from imgscale._typing import BoolArray, ImageSize
-
-
-@contextmanager
-def within(place: object) -> Generator[None]:
-    """Put the place, a file or an entry, before the message of an error raised inside."""
-    try:
-        yield
-    except (TypeError, ValueError) as error:
-        kind = TypeError if isinstance(error, TypeError) else ValueError
-        msg = f"{place}: {error}"
-        raise kind(msg) from error
 
 
 def read_json(path: str | PathLike[str]) -> Any:
@@ -92,6 +81,18 @@ def _is_unknown(length: Any) -> bool:
 
 def _seen(value: object) -> str:
     return repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
+
+
+def finite_word(name: str, word: str) -> float:
+    """Read a finite number out of text; raise under its name where it is none."""
+    try:
+        number = float(word)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        msg = f"{name} must be a finite number; got {word!r}."
+        raise ValueError(msg)
+    return number
 
 
 def polygon_mask(points: NDArray[Any], image_size: ImageSize) -> BoolArray:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from imgscale._checks import as_array, as_known_image_size, four_numbers
+from imgscale._checks import as_array, four_numbers, within
 from imgscale._typing import BoolArray, Box, ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
@@ -27,7 +27,6 @@ from imgscale.detectors._files import (
     polygon_mask,
     read_json,
     told_size,
-    within,
 )
 
 __all__ = ["from_coco", "read_coco"]
@@ -59,7 +58,8 @@ def read_coco(
     Returns
     -------
     dict of str to list of Detection
-        As `from_coco` gives it.
+        As `from_coco` gives it. Entries without an area are refused: `from_coco` tells how to
+        leave them out of the parsed file.
 
     Raises
     ------
@@ -101,8 +101,10 @@ def from_coco(
         `segmentation`), to be taken in place of the annotations.
     masks : bool
         Whether to turn `segmentation` (polygons, run lengths, compressed run lengths) into
-        masks. Each has the shape of its whole picture: a thousand of 640 x 480 pixels fill
-        300 MB. A polygon too small to hold the centre of a pixel gives none.
+        masks, which needs the pictures' sizes in `images`. Each has the shape of its whole
+        picture: a thousand of 640 x 480 pixels fill 300 MB. A mask that is empty in its box, as
+        of a polygon too small to hold the centre of a pixel, is left out; depth is then read in
+        the box.
 
     Returns
     -------
@@ -118,6 +120,13 @@ def from_coco(
         message names the entry.
     TypeError
         If something has another type than COCO's.
+
+    Notes
+    -----
+    Two annotations of COCO's own instances_train2017.json have a height of 0
+    (github.com/cocodataset/cocoapi, issue 355), and other files have such too. Leave them out::
+
+        dataset["annotations"] = [a for a in dataset["annotations"] if min(a["bbox"][2:]) > 0]
 
     Examples
     --------
@@ -216,7 +225,7 @@ def _corners(bbox: Any, size: ImageSize | None) -> Box:
     if not (width > 0 and height > 0):
         msg = (
             f"`bbox` must have a positive width and height; got {[x, y, width, height]}. Leave "
-            "such entries out."
+            'such entries out: [a for a in entries if min(a["bbox"][2:]) > 0].'
         )
         raise ValueError(msg)
     if size and _looks_like_corners((x, y, width, height), size):
@@ -237,18 +246,17 @@ def _looks_like_corners(xywh: Box, size: ImageSize) -> bool:
 
 
 def _mask(segmentation: Any, size: ImageSize | None) -> BoolArray | None:
-    """Draw a segmentation in its picture; None where there is nothing to draw."""
+    """Draw a segmentation in its picture; None where there is none."""
     if not segmentation:
         return None
-    if isinstance(segmentation, Mapping):
-        mask = _run_length_mask(member(segmentation, "counts"), _shape(segmentation, size))
-    elif size:
-        polygons = as_list("segmentation", segmentation)
-        mask = np.any([_polygon(points, size) for points in polygons], axis=0)
-    else:
-        msg = "masks of polygons need the picture's `width` and `height` in `images`; got none."
+    if not size:
+        msg = "masks need the picture's `width` and `height` in `images`; got none."
         raise ValueError(msg)
-    return mask if mask.any() else None
+    if isinstance(segmentation, Mapping):
+        return _run_length_mask(segmentation, size)
+    polygons = as_list("segmentation", segmentation)
+    mask: BoolArray = np.any([_polygon(points, size) for points in polygons], axis=0)
+    return mask
 
 
 def _polygon(points: Any, size: ImageSize) -> BoolArray:
@@ -261,18 +269,13 @@ def _polygon(points: Any, size: ImageSize) -> BoolArray:
     return polygon_mask(flat.reshape(-1, 2), size)
 
 
-def _shape(segmentation: Any, size: ImageSize | None) -> tuple[int, int]:
-    """Height and width that run lengths fill."""
-    told = list(members(segmentation, "size"))
-    if size and told != [size[1], size[0]]:
-        msg = f"`size` must be the picture's height and width, {[size[1], size[0]]}; got {told}."
-        raise ValueError(msg)
-    width, height = as_known_image_size(told[::-1])
-    return (height, width)
-
-
-def _run_length_mask(counts: Any, shape: tuple[int, int]) -> BoolArray:
+def _run_length_mask(segmentation: Any, size: ImageSize) -> BoolArray:
     """Unroll lengths of runs, off and on by turns, down the columns one after the other."""
+    shape, told = size[::-1], list(members(segmentation, "size"))
+    if told != list(shape):
+        msg = f"`size` must be the picture's height and width, {list(shape)}; got {told}."
+        raise ValueError(msg)
+    counts = member(segmentation, "counts")
     compressed = isinstance(counts, (str, bytes))
     runs = _run_lengths(counts) if compressed else as_list("counts", counts)
     if not all(isinstance(run, int) and run >= 0 for run in runs) or sum(runs) != math.prod(shape):
@@ -282,7 +285,7 @@ def _run_length_mask(counts: Any, shape: tuple[int, int]) -> BoolArray:
         )
         raise ValueError(msg)
     on = np.arange(len(runs)) % 2 == 1
-    return np.repeat(on, runs).reshape(shape[::-1]).T
+    return np.repeat(on, runs).reshape(size).T
 
 
 def _run_lengths(text: str | bytes) -> list[int]:

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import attrs
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from imgscale._checks import as_float, is_between, number_error
@@ -145,8 +146,9 @@ def _is_one_face(one: _Square, other: _Square) -> bool:
 
 def _grey(image: object) -> Image.Image:
     """Turn a picture into one of float brightness."""
-    if isinstance(image, np.ndarray) and image.ndim == 2:
-        image = np.stack([image] * 3, axis=-1)
+    if isinstance(image, np.ndarray):
+        array = cast("NDArray[Any]", image)
+        image = np.stack([array] * 3, axis=-1) if array.ndim == 2 else array
     return Image.fromarray(upright_rgb(image)).convert("L").convert("F")
 
 

@@ -2,25 +2,29 @@
 Detections out of KITTI's label files and of results in their format.
 
 A line is ``type truncated occluded alpha x1 y1 x2 y2 height width length x y z rotation_y``;
-results have a score behind it. Coordinates stay as they are: 0-based, with pixel centres at whole
-numbers, half a pixel less than the package's own. The 2-D boxes of labels are projections of 3-D
-boxes: they are continuous, ``y2 - y1`` pixels high, and amodal. They outline the whole of an object
-that another one hides in part, but end at the picture's border.
+results have a score behind it. Coordinates stay as they are. Labels have pixel centres at whole
+numbers, half a pixel less than the package's own: `imgscale.datasets.kitti` adds it, here nothing
+does, as results follow whatever their detector follows. The 2-D boxes of labels are projections of
+3-D boxes: they are continuous, ``y2 - y1`` pixels high, and amodal. They outline the whole of an
+object that another one hides in part, but end at the picture's border.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from os import PathLike
+from pathlib import Path
 
 import attrs
 
-from imgscale._checks import as_image_size, check_type, is_between, nan_as_none
+from imgscale._checks import as_float, as_image_size, check_type, is_between, nan_as_none, within
 from imgscale._typing import ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
+from imgscale.detectors._files import finite_word
 
-__all__ = ["KittiObject", "from_kitti", "read_objects"]
+__all__ = ["KittiObject", "from_kitti", "objects_from_kitti", "read_kitti"]
 
 _COLUMNS = (
     *("type", "truncated", "occluded", "alpha", "x1", "y1", "x2", "y2"),
@@ -31,6 +35,7 @@ _NO_OBJECT = "DontCare"
 _UNKNOWN = {"truncated": -1.0, "alpha": -10.0, "rotation_y": -10.0}
 _UNKNOWN_SIZE, _UNKNOWN_PLACE = -1.0, -1000.0
 _UNKNOWN_LOCATION = (math.nan, math.nan, math.nan)
+_LOGISTIC = "0.5 * (1 + math.tanh(score / 2))"  # for messages: it cannot overflow
 # Visible, partly occluded, largely occluded, unknown.
 _OCCLUSIONS = (0, 1, 2, 3)
 _HIDDEN_FROM = 2
@@ -67,8 +72,9 @@ class KittiObject:
 
     Examples
     --------
-    >>> from imgscale.detectors.kitti import read_objects
-    >>> [car] = read_objects("Car 0 0 1.9 388 182 424 203 1.67 1.87 3.69 -16.5 2.4 58.5 1.57")
+    >>> from imgscale.detectors.kitti import objects_from_kitti
+    >>> line = "Car 0 0 1.9 388 182 424 203 1.67 1.87 3.69 -16.5 2.4 58.5 1.57"
+    >>> [car] = objects_from_kitti(line)
     >>> car.detection.label, car.height_m, round(car.surface_depth_m(), 2)
     ('Car', 1.67, 56.65)
     """
@@ -103,6 +109,41 @@ class KittiObject:
         return nearest if nearest > 0 else math.nan
 
 
+def read_kitti(
+    path: str | PathLike[str],
+    *,
+    image_size: Sequence[int] | None = None,
+    to_score: Callable[[float], float] | None = None,
+) -> list[Detection]:
+    """
+    Read a KITTI label or result file.
+
+    Parameters
+    ----------
+    path : str or path-like
+        The file.
+    image_size : (width, height), optional
+        As for `from_kitti`.
+    to_score : callable, optional
+        As for `from_kitti`.
+
+    Returns
+    -------
+    list of Detection
+        As `from_kitti` gives it.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As `from_kitti` does, or if the file is not text in UTF-8; the message names the file.
+    OSError
+        If the file cannot be opened.
+    """
+    with within(path):
+        text = Path(path).read_text(encoding="utf-8-sig")
+        return from_kitti(text, image_size=image_size, to_score=to_score)
+
+
 def from_kitti(
     text: str,
     *,
@@ -120,7 +161,7 @@ def from_kitti(
         Where given, boxes are cut at the picture's border.
     to_score : callable, optional
         Maps the score of a result to 0 to 1, for files whose scores are no probabilities: KITTI
-        allows any number.
+        allows any number. Logits take ``lambda score: 0.5 * (1 + math.tanh(score / 2))``.
 
     Returns
     -------
@@ -132,7 +173,8 @@ def from_kitti(
     Raises
     ------
     ValueError
-        If a line is no line of KITTI, naming it; if a box lies wholly outside the picture.
+        If a line is no line of KITTI, a box lies wholly outside the picture or `to_score` fails;
+        the message names the line.
     TypeError
         If `text` is no string.
 
@@ -145,13 +187,13 @@ def from_kitti(
     >>> from_kitti("Car 388 182 424 203")
     Traceback (most recent call last):
         ...
-    ValueError: Line 1 must have the 15 columns of a label or the 16 of a result; got 5.
+    ValueError: line 1: a label must have 15 columns, a result 16; got 5.
     """
-    objects = read_objects(text, image_size=image_size, to_score=to_score)
+    objects = objects_from_kitti(text, image_size=image_size, to_score=to_score)
     return [one.detection for one in objects]
 
 
-def read_objects(
+def objects_from_kitti(
     text: str,
     *,
     image_size: Sequence[int] | None = None,
@@ -179,11 +221,12 @@ def read_objects(
     ValueError, TypeError
         As `from_kitti` does.
     """
-    lines = check_type("text", text, str, " Read the file first: path.read_text().").splitlines()
+    lines = check_type("text", text, str, " Read the file with read_kitti().").splitlines()
     size = as_image_size(image_size)
-    rows = [(f"Line {number}", line.split()) for number, line in enumerate(lines, start=1)]
+    rows = [(f"line {number}", line.split()) for number, line in enumerate(lines, start=1)]
     for place, words in rows:
-        _check_columns(place, words)
+        with within(place):
+            _check_columns(words)
     return [
         _object(place, words, size, to_score)
         for place, words in rows
@@ -191,12 +234,12 @@ def read_objects(
     ]
 
 
-def _check_columns(place: str, words: list[str]) -> None:
+def _check_columns(words: list[str]) -> None:
     if len(words) in {0, 15, 16}:
         return
     remedy = " Tracking labels have frame and track in front: leave those out."
     msg = (
-        f"{place} must have the 15 columns of a label or the 16 of a result; got {len(words)}."
+        f"a label must have 15 columns, a result 16; got {len(words)}."
         f"{remedy if len(words) > 16 else ''}"
     )
     raise ValueError(msg)
@@ -208,43 +251,37 @@ def _object(
     image_size: ImageSize | None,
     to_score: Callable[[float], float] | None,
 ) -> KittiObject:
-    row = {name: _number(place, name, word) for name, word in zip(_COLUMNS[1:], words[1:15])}  # noqa: B905 - 16 columns of results
-    truncated = _told(place, row, "truncated", 0, 1)
-    occluded = _occlusion(place, row["occluded"])
+    with within(place):
+        row = {name: finite_word(name, word) for name, word in zip(_COLUMNS[1:], words[1:15])}  # noqa: B905 - 16 columns of results
+        score = _score(words[15], to_score) if len(words) > 15 else 1.0
+        height, width, length = (_size(row, name) for name in ("height", "width", "length"))
+        truncated = _told(row, "truncated", 0, 1)
+        alpha, turn = (_told(row, name, -math.tau, math.tau) for name in ("alpha", "rotation_y"))
+        occluded = _occlusion(row["occluded"])
     location = (row["x"], row["y"], row["z"])
+    detection = make_detection(
+        place,
+        words[0],
+        (row["x1"], row["y1"], row["x2"], row["y2"]),
+        image_size=image_size,
+        score=score,
+        partial=truncated > 0 or (occluded or 0) >= _HIDDEN_FROM,
+        aliases=("person",) if words[0] == "Pedestrian" else (),
+    )
     return KittiObject(
-        detection=make_detection(
-            place,
-            words[0],
-            (row["x1"], row["y1"], row["x2"], row["y2"]),
-            image_size=image_size,
-            score=_score(place, words[15], to_score) if len(words) > 15 else 1.0,
-            partial=truncated > 0 or (occluded or 0) >= _HIDDEN_FROM,
-            aliases=("person",) if words[0] == "Pedestrian" else (),
-        ),
-        height_m=_size(place, row, "height"),
-        width_m=_size(place, row, "width"),
-        length_m=_size(place, row, "length"),
+        detection=detection,
+        height_m=height,
+        width_m=width,
+        length_m=length,
         location=_UNKNOWN_LOCATION if _UNKNOWN_PLACE in location else location,
-        rotation_y=_told(place, row, "rotation_y", -math.tau, math.tau),
+        rotation_y=turn,
         truncated=truncated,
         occluded=occluded,
-        alpha=_told(place, row, "alpha", -math.tau, math.tau),
+        alpha=alpha,
     )
 
 
-def _number(place: str, name: str, word: str) -> float:
-    try:
-        number = float(word)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        msg = f"{place}: {name} must be a finite number; got {word!r}."
-        raise ValueError(msg)
-    return number
-
-
-def _told(place: str, row: dict[str, float], name: str, low: float, high: float) -> float:
+def _told(row: dict[str, float], name: str, low: float, high: float) -> float:
     """Give a number in its range, NaN for the one that means that it is not told."""
     value = row[name]
     if value == _UNKNOWN[name]:
@@ -252,41 +289,50 @@ def _told(place: str, row: dict[str, float], name: str, low: float, high: float)
     if not low <= value <= high:
         unknown = _UNKNOWN[name]
         msg = (
-            f"{place}: {name} must be between {low:g} and {high:g}, or {unknown:g} where it is not "
-            f"known; got {value:g}."
+            f"{name} must be between {low:g} and {high:g}, or {unknown:g} where it is not known; "
+            f"got {value:g}."
         )
         raise ValueError(msg)
     return value
 
 
-def _size(place: str, row: dict[str, float], name: str) -> float:
+def _size(row: dict[str, float], name: str) -> float:
     value = row[name]
     if value == _UNKNOWN_SIZE:
         return math.nan
     if value <= 0:
-        msg = f"{place}: {name} must be positive, or -1 where it is not known; got {value:g}."
+        msg = f"{name} must be positive, or -1 where it is not known; got {value:g}."
         raise ValueError(msg)
     return value
 
 
-def _occlusion(place: str, value: float) -> int | None:
+def _occlusion(value: float) -> int | None:
     if value == -1:
         return None
     if value not in _OCCLUSIONS:
-        msg = f"{place}: occluded must be 0, 1, 2, 3, or -1 where it is not told; got {value:g}."
+        msg = f"occluded must be 0, 1, 2, 3, or -1 where it is not told; got {value:g}."
         raise ValueError(msg)
     return int(value)
 
 
-def _score(place: str, word: str, to_score: Callable[[float], float] | None) -> float:
-    given = _number(place, "score", word)
-    score = given if to_score is None else float(to_score(given))
+def _score(word: str, to_score: Callable[[float], float] | None) -> float:
+    given = finite_word("score", word)
+    if to_score is None:
+        score, remedy = given, f"Pass `to_score`, a function that maps it: logits by {_LOGISTIC}."
+    else:
+        score, remedy = _mapped(given, to_score), f"`to_score` made that of {given:g}."
     if not is_between(score, 0, 1):
-        remedy = (
-            "`to_score` must return that."
-            if to_score
-            else "Pass `to_score`, a function that maps it, as 1 / (1 + exp(-score)) does logits."
-        )
-        msg = f"{place}: the score must be between 0 and 1; got {score:g}. {remedy}"
+        msg = f"the score must be a number between 0 and 1; got {score!r}. {remedy}"
         raise ValueError(msg)
     return score
+
+
+def _mapped(given: float, to_score: Callable[[float], float]) -> float:
+    try:
+        return as_float(to_score(given))
+    except (ArithmeticError, TypeError, ValueError) as error:
+        msg = (
+            f"`to_score` must return a number between 0 and 1 for {given:g}; it failed: {error}. "
+            f"{_LOGISTIC} maps logits without overflow."
+        )
+        raise ValueError(msg) from error

@@ -14,7 +14,7 @@ from os import PathLike
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
-from imgscale._checks import as_image_size, four_numbers, is_between
+from imgscale._checks import as_image_size, four_numbers, is_between, within
 from imgscale._typing import Box, ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
@@ -26,7 +26,6 @@ from imgscale.detectors._files import (
     members,
     read_json,
     told_size,
-    within,
 )
 
 __all__ = ["from_megadetector", "read_megadetector"]
@@ -89,18 +88,19 @@ def from_megadetector(
         The parsed results: `images` (`file`, `detections`, perhaps `width`, `height` and
         `failure`), `detection_categories` and perhaps `classification_categories`.
     image_sizes : mapping of str to (width, height), optional
-        Sizes by `file`, in pixels, of the upright pictures. Only pictures with detections need
-        one, and only where the results do not tell it. One camera's pictures are all alike:
-        ``dict.fromkeys(files, (2048, 1536))``.
+        Sizes by `file`, with either kind of slash, in pixels, of the upright pictures. Only
+        pictures with detections need one, and only where the results do not tell it. One camera's
+        pictures are all alike: ``dict.fromkeys(files, (2048, 1536))``.
 
     Returns
     -------
     dict of str to list of Detection
-        For every picture that MegaDetector has looked at its detections by `file`, in the order
-        of the results, empty where it found none. Pictures that it could not read ("failure")
-        are left out: nobody looked at them. The label is the most probable class of a
-        classifier, whatever its confidence, with the detector's category as alias; without
-        classes, and for "person" and "vehicle", it is the category. The score is the detector's.
+        For every picture that MegaDetector has looked at its detections by `file`, written with
+        forward slashes, in the order of the results, empty where it found none. Pictures that it
+        could not read ("failure") are left out: nobody looked at them. The label is the most
+        probable class of a classifier, whatever its confidence, with the detector's category as
+        alias; without classes, and for "person" and "vehicle", it is the category. The score is
+        the detector's.
 
     Raises
     ------
@@ -136,11 +136,12 @@ def from_megadetector(
     ('fox', ('animal',), (512.0, 768.0, 768.0, 1152.0))
     """
     tables = _tables(data)
-    sizes = as_table("image_sizes", image_sizes or {})
+    given = as_table("image_sizes", image_sizes or {})
+    sizes = {_slashed(file): size for file, size in given.items()}
     found: dict[str, list[Detection]] = {}
     for index, image in enumerate(members(data, "images")):
         with within(f"images[{index}]"):
-            file, entries = str(identity(image, "file")), _entries(image)
+            file, entries = _slashed(identity(image, "file")), _entries(image)
             if file in found:
                 msg = f"`file` must be its own; {file!r} came before."
                 raise ValueError(msg)
@@ -168,6 +169,11 @@ def _tables(data: Any) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     )
     classes = as_table("classification_categories", data.get("classification_categories") or {})
     return categories, classes
+
+
+def _slashed(file: object) -> str:
+    """Write a name with forward slashes; the format allows Windows' separators anywhere."""
+    return PureWindowsPath(str(file)).as_posix()
 
 
 def _entries(image: Mapping[str, Any]) -> Sequence[Any] | None:
@@ -270,10 +276,9 @@ def _read_sizes(data: Any, folder: Path) -> dict[str, ImageSize]:
     sizes: dict[str, ImageSize] = {}
     for index, image in enumerate(members(data, "images")):
         with within(f"images[{index}]"):
-            file = str(identity(image, "file"))
+            file = _slashed(identity(image, "file"))
             if _entries(image) and not told_size(image):
-                # The format allows Windows' separators anywhere.
-                sizes[file] = _read_size(folder / PureWindowsPath(file).as_posix())
+                sizes[file] = _read_size(folder / file)
     return sizes
 
 

@@ -8,15 +8,15 @@ http://host.robots.ox.ac.uk/pascal/VOC/voc2012/devkit_doc.pdf.
 
 from __future__ import annotations
 
-import math
 from os import PathLike
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from imgscale._checks import within
 from imgscale._typing import Box, ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
-from imgscale.detectors._files import told_size, within
+from imgscale.detectors._files import finite_word, told_size
 
 __all__ = ["from_pascal_voc", "read_pascal_voc"]
 
@@ -159,15 +159,7 @@ def _is_set(entry: ET.Element, name: str) -> bool:
 
 
 def _number(parent: ET.Element, name: str) -> float:
-    text = _text(parent, name)
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        msg = f"<{name}> must be a number; got {text!r}."
-        raise ValueError(msg)
-    return number
+    return finite_word(f"<{name}>", _text(parent, name))
 
 
 def _text(parent: ET.Element, name: str) -> str:

@@ -19,6 +19,7 @@ models 2.0 and 3.0):
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from typing import Any, NamedTuple, cast
@@ -28,7 +29,7 @@ import attrs
 from imgscale._checks import as_float, as_known_image_size, is_between, number_error
 from imgscale._typing import Box, ImageArray, ImageSize
 from imgscale.detection import Detection
-from imgscale.detectors._convert import clip, make_detection
+from imgscale.detectors._convert import has_area_in, make_detection
 from imgscale.picture import upright_rgb
 
 __all__ = ["RekognitionDetector", "from_rekognition"]
@@ -59,6 +60,9 @@ _KINDS = {
 _FARTHEST = 2.0  # ratios beyond it are pixels
 _MOST_BYTES = 5_242_880  # of Image.Bytes
 _QUALITIES = (95, 85, 75)
+
+
+_Options = tuple[tuple[str, Any], ...]
 
 
 class _Instance(NamedTuple):
@@ -123,16 +127,15 @@ def from_rekognition(response: Any, *, image_size: Sequence[int]) -> list[Detect
     return [_detection(group, size) for group in _objects(response, size)]
 
 
-def _no_options() -> dict[str, Any]:
-    return {}
+def _as_options(value: Mapping[str, Any] | _Options) -> _Options:
+    pairs = cast("tuple[object, ...]", value) if isinstance(value, tuple) else (None,)
+    if all(isinstance(pair, tuple) for pair in pairs):
+        value = dict(cast("_Options", value))  # of a detector that attrs.evolve() starts from
+    return copy.deepcopy(tuple(_mapping("`options`", value).items()))
 
 
-def _as_options(value: Mapping[str, Any]) -> dict[str, Any]:
-    return dict(_mapping("`options`", value))
-
-
-def _check_options(_: object, __: object, value: Mapping[str, Any]) -> None:
-    if "Image" in value:
+def _check_options(_: object, __: object, value: _Options) -> None:
+    if "Image" in dict(value):
         msg = "`options` must leave Image to the detector, which sends the picture; got one."
         raise ValueError(msg)
 
@@ -154,16 +157,16 @@ class RekognitionDetector:
     Called with a picture, (H, W, 3) uint8 RGB, its orientation applied, it returns a list of
     `Detection`. The picture is sent as JPEG: at quality 95, else 85 or 75, and where that exceeds
     the 5 242 880 bytes that Rekognition takes, at half the size until it does not; boxes come back
-    as ratios, so they fit the picture all the same. Boxes wholly outside the picture are dropped.
-    Errors of the client, such as missing rights, come through as they are.
+    as ratios, so they fit the picture all the same. Boxes without an area inside the picture are
+    left out. Errors of the client, such as missing rights, come through as they are.
 
     Attributes
     ----------
     client : object
         A boto3 client for "rekognition", or anything with its method `detect_labels`.
-    options : mapping of str to object
+    options : tuple of (str, object)
         Further arguments of `detect_labels`, passed on unchanged: MinConfidence, MaxLabels,
-        Features, Settings. None is set here.
+        Features, Settings. Given as a mapping, which is copied; none is set here.
 
     Raises
     ------
@@ -185,18 +188,19 @@ class RekognitionDetector:
     (320.0, 90.0, 400.0, 270.0)
     """
 
-    client: Any = attrs.field(validator=_check_client)
-    options: Mapping[str, Any] = attrs.field(
-        factory=_no_options, kw_only=True, converter=_as_options, validator=_check_options
+    client: Any = attrs.field(repr=False, validator=_check_client)
+    options: _Options = attrs.field(
+        default=(), kw_only=True, converter=_as_options, validator=_check_options
     )
 
     def __call__(self, image: ImageArray, /) -> list[Detection]:
         """Detect objects."""
         pixels = upright_rgb(image)
         size = (pixels.shape[1], pixels.shape[0])
-        response = self.client.detect_labels(Image={"Bytes": _as_jpeg(pixels)}, **self.options)
+        picture = {"Bytes": _as_jpeg(pixels)}
+        response = self.client.detect_labels(Image=picture, **dict(self.options))
         groups = _objects(response, size)
-        return [_detection(group, size) for group in groups if clip(group[0].xyxy, size)]
+        return [_detection(group, size) for group in groups if has_area_in(group[0].xyxy, size)]
 
 
 def _as_jpeg(image: ImageArray) -> bytes:
@@ -229,6 +233,13 @@ def _detection(group: list[_Instance], size: ImageSize) -> Detection:
     broader = [name for instance in kept for name in _kinds(instance)]
     label, *aliases = dict.fromkeys([*known, *broader])
     first = kept[0]
+    x1, y1, x2, y2 = first.xyxy
+    if x1 == x2 or y1 == y2:
+        msg = (
+            f"{first.place}.BoundingBox must have a positive Width and Height; got {first.xyxy} in "
+            "pixels. Leave such entries out."
+        )
+        raise ValueError(msg)
     return make_detection(
         first.place, label, first.xyxy, image_size=size, score=first.score, aliases=aliases
     )
@@ -349,33 +360,30 @@ def _names(place: str, label: Mapping[str, Any], key: str) -> tuple[str, ...]:
 
 def _box(place: str, value: Any, size: ImageSize) -> Box:
     """Read a box of ratios in pixels of the picture."""
-    box = _mapping(f"{place}.BoundingBox", value)
+    place = f"{place}.BoundingBox"
+    box = _mapping(place, value)
     missing = [side for side in _SIDES if side not in box]
     if missing:
-        msg = (
-            f"{place}.BoundingBox must hold Left, Top, Width and Height; got none of "
-            f"{', '.join(missing)}."
-        )
+        msg = f"{place} must hold Left, Top, Width and Height; it lacks {', '.join(missing)}."
         raise ValueError(msg)
-    left, top, width, height = (as_float(box[side]) for side in _SIDES)
-    for side, ratio in zip(_SIDES, (left, top, width, height), strict=True):
-        lowest = -_FARTHEST if side in {"Left", "Top"} else 0.0
-        if not is_between(ratio, lowest, _FARTHEST):  # objects may go on beyond the picture
-            name = f"{place}.BoundingBox.{side}"
-            remedy = "Boxes in pixels go through Detection.from_xywh()."
-            raise number_error(name, "a ratio of the picture's size", ratio, remedy)
-    if not (width > 0 and height > 0):
-        msg = (
-            f"{place}.BoundingBox must have a positive Width and Height; got {(width, height)}. "
-            "Leave such entries out."
-        )
-        raise ValueError(msg)
+    left, top, width, height = (_ratio(place, side, box[side]) for side in _SIDES)
     return (
         left * size[0],
         top * size[1],
         (left + width) * size[0],
         (top + height) * size[1],
     )
+
+
+def _ratio(place: str, side: str, value: Any) -> float:
+    """Read a share of the picture's size; objects may go on beyond the picture."""
+    ratio = as_float(value)
+    lowest = -_FARTHEST if side in {"Left", "Top"} else 0.0
+    if not is_between(ratio, lowest, _FARTHEST):
+        name = f"{place}.{side}"
+        remedy = "Boxes in pixels go through Detection.from_xywh()."
+        raise number_error(name, "a ratio of the picture's size", ratio, remedy)
+    return ratio
 
 
 def _percent(place: str, value: Any) -> float:

@@ -19,7 +19,7 @@ from imgscale._checks import as_image_size, check_iterable, check_type
 from imgscale._optional import require
 from imgscale._typing import BoolArray, FloatArray
 from imgscale.detection import Detection, check_detections
-from imgscale.detectors._convert import make_detection, whole_number
+from imgscale.detectors._convert import known_classes, make_detection, whole_number
 from imgscale.estimate import SizeEstimate
 
 __all__ = ["from_supervision", "to_supervision", "with_sizes"]
@@ -52,7 +52,8 @@ def from_supervision(
     list of Detection
         One for each, in their order. Boxes and scores keep their exact values, float32 or not;
         without `confidence` the score is 1. A mask, be it a `CompactMask`, becomes an (H, W) array
-        of bool. `track_id` is the tracker's id as int, None where that is negative: untracked.
+        of bool; one that is empty in its box is left out, and depth is then read in the box.
+        `track_id` is the tracker's id as int, None where that is negative: untracked.
 
     Raises
     ------
@@ -105,8 +106,8 @@ def to_supervision(detections: Sequence[Detection]) -> Any:
     supervision.Detections
         `xyxy` and `confidence` as float64, `class_id` numbering the labels as they first appear,
         ``data["class_name"]`` the labels, `mask` an (N, H, W) array of bool where they have masks,
-        `tracker_id` where all track ids are whole numbers. Other track ids, aliases and `partial`
-        have no place there and are left out.
+        `tracker_id` where track ids are whole numbers, -1 for detections without one. Track ids
+        that are strings, aliases and `partial` have no place there and are left out.
 
     Raises
     ------
@@ -263,8 +264,10 @@ def _as_mapping(class_names: Mapping[int, str] | Sequence[str]) -> Mapping[Any, 
 
 def _name_of(names: Mapping[Any, str], class_id: Any, place: str) -> str:
     if not isinstance(class_id, Hashable) or class_id not in names:
-        listed = ", ".join(map(str, names)) or "none"
-        msg = f"`class_names` must name class {class_id} of {place}; got names for {listed}."
+        msg = (
+            f"`class_names` must name class {class_id} of {place}; got names for "
+            f"{known_classes(names)}"
+        )
         raise ValueError(msg)
     return names[class_id]
 
@@ -300,10 +303,9 @@ def _masks(detections: Sequence[Detection]) -> BoolArray | None:
 
 def _tracker_ids(detections: Sequence[Detection]) -> NDArray[np.intp] | None:
     ids = [detection.track_id for detection in detections]
-    whole = [number for number in ids if isinstance(number, int)]
-    if not whole or len(whole) < len(ids):
+    if any(isinstance(name, str) for name in ids) or all(number is None for number in ids):
         return None
-    return np.array(whole, dtype=np.intp)
+    return np.array([_UNTRACKED if number is None else number for number in ids], dtype=np.intp)
 
 
 def _size_columns(estimates: Sequence[SizeEstimate], level: float) -> dict[str, FloatArray]:

@@ -16,7 +16,7 @@ from imgscale._checks import as_float, as_image_size, share
 from imgscale._optional import require
 from imgscale._typing import ImageArray, ImageSize
 from imgscale.detection import Detection
-from imgscale.detectors._convert import column, make_detection
+from imgscale.detectors._convert import column, has_area_in, known_classes, make_detection
 from imgscale.picture import upright_rgb
 
 __all__ = ["TransformersDetector", "from_transformers"]
@@ -148,8 +148,8 @@ def _names(results: Mapping[str, Any], id2label: Mapping[int, str] | None) -> An
     for index, label in enumerate(labels):
         if not isinstance(label, int) or label not in known:
             msg = (
-                f"results[{index}]: `id2label` must name label {label!r}; got names of "
-                f"{len(known)} others. Take it from the model that detected."
+                f"results[{index}]: `id2label` must name label {label!r}, as that of the model "
+                f"that detected does; got names for {known_classes(known)}"
             )
             raise ValueError(msg)
     return [known[label] for label in labels]
@@ -165,7 +165,7 @@ def _check_processor(_: object, __: attrs.Attribute[Any], value: object) -> None
         raise TypeError(msg)
 
 
-@attrs.frozen
+@attrs.frozen(eq=False)
 class TransformersDetector:
     """
     Run an object detector of transformers; it satisfies `Detector`.
@@ -235,17 +235,15 @@ class TransformersDetector:
         """
         torch = require("torch", extra="transformers", purpose="TransformersDetector")
         picture = upright_rgb(image)
-        height, width = picture.shape[:2]
+        size = (picture.shape[1], picture.shape[0])
         inputs = self.image_processor(
             images=picture, return_tensors="pt", input_data_format="channels_last"
         ).to(self.model.device, self.model.dtype)
         with torch.inference_mode():
             outputs = self.model(**inputs)
         (found,) = self.image_processor.post_process_object_detection(
-            outputs, threshold=self.threshold, target_sizes=[(height, width)]
+            outputs, threshold=self.threshold, target_sizes=[size[::-1]]
         )
-        x1, y1, x2, y2 = found["boxes"].unbind(-1)
-        flat = (x1 == x2) | (y1 == y2)
-        outside = (x2 <= 0) | (y2 <= 0) | (x1 >= width) | (y1 >= height)
-        seen = {key: found[key][~(flat | outside)] for key in ("boxes", "scores", "labels")}
-        return _from_columns(seen, self.model.config.id2label, (width, height))
+        inside = [has_area_in(box, size) for box in found["boxes"].tolist()]
+        seen = {key: found[key][inside] for key in ("boxes", "scores", "labels")}
+        return _from_columns(seen, self.model.config.id2label, size)

@@ -3,7 +3,7 @@ Results of ultralytics models, read by duck typing: the package is never importe
 
 Conventions there: boxes are float pixels of the picture, x1, y1, x2, y2; class numbers come as
 floats; masks have the size of the network's input, in which the picture stands centred between
-grey bars; pictures as arrays are BGR. Written against 8.4 and its sources, without running it.
+grey bars; pictures as arrays are BGR. Reads the attributes of `Results` of ultralytics 8.1 to 8.4.
 """
 
 from __future__ import annotations
@@ -17,7 +17,13 @@ import numpy as np
 from imgscale._checks import as_float, as_known_image_size, share
 from imgscale._typing import BoolArray, ImageArray, ImageSize, IntArray
 from imgscale.detection import Detection
-from imgscale.detectors._convert import as_numbers, make_detection, whole_number
+from imgscale.detectors._convert import (
+    as_numbers,
+    has_area_in,
+    known_classes,
+    make_detection,
+    whole_number,
+)
 from imgscale.picture import upright_rgb
 
 __all__ = ["UltralyticsDetector", "from_ultralytics"]
@@ -135,7 +141,7 @@ def _name(result: Any, number: Any, place: str) -> str:
     names = cast("Mapping[int, str]", known if isinstance(known, Mapping) else {})
     whole = whole_number(place, "cls", number)
     if whole not in names:
-        msg = f"{place}: `names` must have class {whole}; got {len(names)} others."
+        msg = f"{place}: `names` must have class {whole}; got names for {known_classes(names)}"
         raise ValueError(msg)
     return names[whole]
 
@@ -172,7 +178,7 @@ def _check_model(_: object, __: attrs.Attribute[Any], value: object) -> None:
         raise TypeError(msg)
 
 
-@attrs.frozen
+@attrs.frozen(eq=False)
 class UltralyticsDetector:
     """
     Run an ultralytics model; it satisfies `Detector`.
@@ -226,8 +232,7 @@ class UltralyticsDetector:
         """
         bgr = np.ascontiguousarray(upright_rgb(image)[..., ::-1])
         (result,) = self.model(bgr, conf=self.threshold, verbose=False)
-        height, width = bgr.shape[:2]
-        x1, y1, x2, y2 = _boxes(result).xyxy.T
-        flat = (x1 == x2) | (y1 == y2)
-        outside = (x2 <= 0) | (y2 <= 0) | (x1 >= width) | (y1 >= height)
-        return from_ultralytics(result[~(flat | outside)])
+        size = (bgr.shape[1], bgr.shape[0])
+        corners = as_numbers("result.boxes.xyxy", _boxes(result).xyxy, ("n", 4))
+        inside = [has_area_in(box, size) for box in corners.tolist()]
+        return from_ultralytics(result[inside])

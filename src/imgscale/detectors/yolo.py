@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from imgscale._checks import as_known_image_size, check_iterable, check_type
+from imgscale._checks import as_known_image_size, check_iterable, check_type, within
 from imgscale._typing import BoolArray, Box, FloatArray, ImageSize
 from imgscale.detection import Detection
-from imgscale.detectors._convert import make_detection
-from imgscale.detectors._files import polygon_mask, within
+from imgscale.detectors._convert import known_classes, make_detection
+from imgscale.detectors._files import polygon_mask
 
 __all__ = ["from_yolo", "read_yolo"]
 
@@ -156,7 +156,8 @@ def _label(word: str, names: Mapping[int, str]) -> str:
         number = -1.0
     if number not in names:
         msg = (
-            f"the class must be a number with a name in `class_names`, {len(names)}; got {word!r}."
+            f"the class must be a number with a name in `class_names`; got {word!r} and names for "
+            f"{known_classes(names)}"
         )
         raise ValueError(msg)
     return names[int(number)]
@@ -202,8 +203,7 @@ def _box(ratios: FloatArray, size: ImageSize) -> Box:
     )
 
 
-def _outline(ratios: FloatArray, size: ImageSize) -> tuple[Box, BoolArray | None]:
+def _outline(ratios: FloatArray, size: ImageSize) -> tuple[Box, BoolArray]:
     points = ratios.reshape(-1, 2) * size
     (left, top), (right, bottom) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-    mask = polygon_mask(points, size)
-    return (left, top, right, bottom), mask if mask.any() else None
+    return (left, top, right, bottom), polygon_mask(points, size)
