@@ -239,7 +239,8 @@ def _check_in_image(boxes: FloatArray, depth: Depth) -> None:
 def _remedy(boxes: FloatArray, image_size: ImageSize) -> str:
     """Say what boxes beyond the image look like."""
     largest = (float(boxes[:, 2].max()), float(boxes[:, 3].max()))
-    if not outside_image(boxes, image_size[::-1]).any():
+    width, height = image_size
+    if not outside_image(boxes, (height, width)).any():
         return (
             "All boxes fit the image turned by 90 degrees: apply its EXIF orientation once, before "
             "detector and depth."
