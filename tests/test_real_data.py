@@ -1,6 +1,7 @@
 """Real pictures: KITTI labels and LiDAR, Middlebury's motorcycle, and the demo on the latter."""
 
 import csv
+import json
 import math
 import os
 import subprocess
@@ -325,3 +326,58 @@ def test_a_command_line_that_makes_no_sense_is_refused_with_its_usage(arguments,
     result = run_demo(*arguments, cwd=tmp_path)
     assert result.returncode == 2
     assert "usage: imgscale" in result.stderr
+
+
+# --- detectors of other providers, one picture of 1920 x 1080 ------------------------------------
+
+PROVIDERS = DATA / "detector_outputs" / "edenai"
+SIZE = (1920, 1080)
+
+
+def from_api4ai(response):
+    for item in response["results"][0]["entities"][0]["objects"]:
+        left, top, width, height = item["box"]
+        ((label, score),) = item["entities"][0]["classes"].items()
+        ratios = {"left": left, "top": top, "width": width, "height": height}
+        yield ims.Detection.from_ratios(label, **ratios, image_size=SIZE, score=score)
+
+
+def from_clarifai(response):
+    for region in response["regions"]:
+        box = region["region_info"]["bounding_box"]
+        left, top = box["left_col"], box["top_row"]
+        sides = {"width": box["right_col"] - left, "height": box["bottom_row"] - top}
+        concept = region["data"]["concepts"][0]
+        yield ims.Detection.from_ratios(
+            concept["name"], left=left, top=top, **sides, image_size=SIZE, score=concept["value"]
+        )
+
+
+def from_microsoft(response):
+    for item in response["objects"]:
+        xywh = [item["rectangle"][side] for side in "xywh"]
+        broader = item.get("parent", {}).get("object", ())
+        yield ims.Detection.from_xywh(
+            item["object"], xywh, score=item["confidence"], aliases=broader
+        )
+
+
+def from_sentisight(response):
+    for item in response:
+        box = [item[corner] for corner in ("x0", "y0", "x1", "y1")]
+        yield ims.Detection(item["label"], box, score=item["score"] / 100)
+
+
+@pytest.mark.skipif(not PROVIDERS.is_dir(), reason=f"no other providers' responses in {PROVIDERS}")
+@pytest.mark.parametrize("read", [from_api4ai, from_clarifai, from_microsoft, from_sentisight])
+def test_responses_of_other_providers_go_in_by_the_constructors(read):
+    record = json.loads((PROVIDERS / f"{read.__name__.removeprefix('from_')}.json").read_text())
+    standard = record["standardized_response"]["items"]
+    least = min(item["confidence"] for item in standard) - 1e-6  # the rest was left out there
+    detections = [d for d in read(record["original_response"]) if d.score >= least]
+    assert len(detections) == len(standard) > 0
+    for detection, item in zip(detections, standard, strict=True):
+        ratios = [item[name] for name in ("x_min", "y_min", "x_max", "y_max")]
+        assert detection.label.casefold() == item["label"].casefold()
+        assert detection.score == pytest.approx(item["confidence"], abs=1e-6)
+        assert detection.xyxy == pytest.approx(np.multiply(ratios, [*SIZE, *SIZE]), abs=1e-3)

@@ -1,9 +1,11 @@
 """Amazon Rekognition: real responses by hand arithmetic, its naming, a real boto3 client."""
 
+import ast
 import copy
 import io
 import json
 import os
+import re
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
@@ -545,3 +547,32 @@ def test_an_image_of_another_type_is_refused_before_anything_is_sent():
     with pytest.raises(ValueError, match=r"`image` must be \(H, W, 3\) uint8"):
         RekognitionDetector(recorder)(np.zeros((4, 4)))
     assert recorder.requests == []
+
+
+# --- responses as documentation prints them, their grammar mended ---
+
+
+def mended(text):
+    if "EXAMPLE_INFERENCE_OUTPUT" in text:  # a Python program that holds one
+        (literal,) = re.findall(r"EXAMPLE_INFERENCE_OUTPUT = (\{.*?\n\})", text, re.DOTALL)
+        return ast.literal_eval(literal)
+    if re.match(r"\{\s*\{", text):
+        text = text.strip()[1:-1]
+    text = re.sub(r",(\s*[}\]])", r"\1", text)
+    return json.loads(re.sub(r'([}\]])(\s*["{])', r"\1,\2", text))
+
+
+@needs_response
+@pytest.mark.parametrize(
+    ("name", "count", "labels"),
+    [
+        ("images-s3_3", 16, {"Car": 14, "Person": 2}),
+        ("labels-detect-labels-image_0", 1, {"Mobile Phone": 1}),
+        ("labels-detect-labels-image_1", 1, {"Mobile Phone": 1}),
+    ],
+)
+def test_printed_responses_are_read_once_their_grammar_is_mended(name, count, labels):
+    text = (RESPONSE.parent / f"{name}.invalid.txt").read_text()
+    found = from_rekognition(mended(text), image_size=SIZE)
+    assert len(found) == count
+    assert Counter(detection.label for detection in found) == labels
