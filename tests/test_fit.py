@@ -2,6 +2,7 @@
 
 import math
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -1123,3 +1124,34 @@ def test_the_default_table_is_the_shipped_one():
     model = ims.fit([box("Credit_Card", 54.0, 85.0)], relative([1.0]))
     assert model.priors == ims.PriorTable.default()
     assert model.references[0].used
+
+
+def renamed(objects, label):
+    """Call some objects by a name that no table knows, with their own as an alias."""
+    return [
+        attrs.evolve(d, label="thing", aliases=(label,)) if d.label == label else d for d in objects
+    ]
+
+
+def test_aliases_serve_in_frames_on_the_ground_and_at_centres_as_labels_do():
+    lamp = ims.ObjectPrior("lamp", 0.4, 0.02, on_ground=False)
+    car = ims.ObjectPrior("car", 1.5, 0.1, mean_std_m=0.05, depth_extent_m=4.0)
+    table = ims.PriorTable([ims.ObjectPrior("door", 2.0, 0.02), lamp, car])
+    objects = [
+        ims.Detection("door", (310, 244, 388, 476)),
+        ims.Detection("door", (840, 252, 880, 380)),
+        ims.Detection("car", (520, 269, 700, 407)),
+        ims.Detection("lamp", (930, 209, 960, 240)),
+    ]
+    centres = ims.ObjectDepths([9.0, 16.0, 13.0, 20.0], kind="metric", depth_at="centre")
+    plane = ims.GroundPlane(image_size=(1280, 720))
+    for label in ("car", "lamp", "door"):
+        others = renamed(objects, label)
+        for depth in (centres, plane):
+            one, other = (ims.fit(seen, depth, table) for seen in (objects, others))
+            assert (other.k, other.k_std) == (one.k, one.k_std)
+            assert [r.reason for r in other.references] == [r.reason for r in one.references]
+        frames = [[ims.Frame(seen, centres)] * 3 for seen in (objects, others)]
+        one, other = (ims.fit_shared(group, table)[0] for group in frames)
+        assert (other.k, other.k_std) == pytest.approx((one.k, one.k_std), rel=1e-12)
+    assert one.k_std > 0

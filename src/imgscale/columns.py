@@ -23,8 +23,8 @@ from imgscale.prior_choice import (
     log_kinds,
     log_moments,
     mean_key,
+    mean_key_of,
     moments_of,
-    prior_label,
     rows_along,
 )
 from imgscale.priors import PriorTable
@@ -241,7 +241,7 @@ def in_groups(
     """
     numbers = {key: number for number, key in enumerate(keys)}
     groups = [
-        numbers.get(mean_key(prior_label(detection, priors), axis, priors), -1)
+        numbers.get(mean_key_of(detection, axis, priors), -1)
         for detection, axis in zip(detections, obs.axis, strict=True)
     ]
     return subjects._replace(group=np.array(groups, dtype=np.intp))

@@ -27,7 +27,7 @@ from imgscale.prior_choice import (
     PriorChoice,
     choose_prior,
     log_kinds,
-    mean_key,
+    mean_key_of,
     prior_label,
 )
 from imgscale.priors import PriorTable
@@ -310,7 +310,7 @@ def _groups(
     numbers: dict[MeanKey, int] = {}
     groups = np.full(len(detections), -1, dtype=np.intp)
     for i, (detection, witness) in enumerate(zip(detections, choice, strict=True)):
-        key = mean_key(prior_label(detection, priors), witness.axis, priors)
+        key = mean_key_of(detection, witness.axis, priors)
         if key:
             groups[i] = numbers.setdefault(key, len(numbers))
     return groups

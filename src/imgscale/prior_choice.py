@@ -126,6 +126,27 @@ def mean_key(label: str, axis: SizeAxis, priors: PriorTable) -> MeanKey | None:
     return (normal_label(rows[0].label), axis) if rows else None
 
 
+def mean_key_of(detection: Detection, axis: SizeAxis, priors: PriorTable) -> MeanKey | None:
+    """
+    Name the mean size that an object shares with others along an axis.
+
+    Parameters
+    ----------
+    detection : Detection
+        The object.
+    axis : str
+        The axis.
+    priors : PriorTable
+        Sizes by label.
+
+    Returns
+    -------
+    tuple of str or None
+        As `mean_key` of the name under which the table knows it.
+    """
+    return mean_key(prior_label(detection, priors), axis, priors)
+
+
 def rows_along(label: str, axis: SizeAxis, priors: PriorTable) -> tuple[ObjectPrior, ...]:
     """
     Find the rows of a label along an axis.

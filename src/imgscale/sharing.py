@@ -34,7 +34,7 @@ from imgscale.noise import Noise
 from imgscale.object_prior import ObjectPrior, normal_label
 from imgscale.observations import Observations
 from imgscale.posing import Setting, problem_of, problem_of_columns, view_of
-from imgscale.prior_choice import MeanKey, mean_key, prior_label
+from imgscale.prior_choice import MeanKey, mean_key_of
 from imgscale.priors import PriorTable
 from imgscale.shared_scale import SharedReference, SharedScale
 from imgscale.standing import JITTERS
@@ -337,11 +337,7 @@ def _row(rows: PooledRows, row: int, key: MeanKey | None, origin: FloatArray) ->
 def _keys(frame: _Kept) -> list[MeanKey | None]:
     """Look up the mean sizes that a frame's references rest on."""
     return [
-        mean_key(
-            prior_label(frame.detections[row], frame.setting.priors),
-            frame.obs.axis[row],
-            frame.setting.priors,
-        )
+        mean_key_of(frame.detections[row], frame.obs.axis[row], frame.setting.priors)
         for row in map(int, frame.obs.eligible)
     ]
 
