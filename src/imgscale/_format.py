@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+# Units of lengths at the edge; inside, all are metres.
+PER_METRE: Mapping[str, float] = MappingProxyType(
+    {"m": 1.0, "cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254, "ft": 1 / 0.3048}
+)
 
 
 def digits_for(std: float) -> int:

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import attrs
 
 from imgscale._checks import check_choice
-from imgscale._format import text_table
+from imgscale._format import PER_METRE, text_table
 from imgscale._typing import ImageSize
 from imgscale.depth import Depth
 from imgscale.detection import Detection
@@ -19,8 +19,6 @@ from imgscale.model import ScaleModel
 __all__ = ["Measurement"]
 
 Row: TypeAlias = dict[str, Any]
-
-_PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0, "in": 1 / 0.0254, "ft": 1 / 0.3048}
 
 
 @attrs.frozen(kw_only=True)
@@ -93,7 +91,7 @@ class Measurement:
         >>> row["label"], round(row["size_cm"]), round(row["low_cm"]), round(row["high_cm"])
         ('box', 50, 47, 52)
         """
-        check_choice("unit", unit, tuple(_PER_METRE))
+        check_choice("unit", unit, tuple(PER_METRE))
         central_scores(level)  # without detections nobody else would look at it
         return [
             self._row(estimate, detection, unit, level)
@@ -106,7 +104,7 @@ class Measurement:
         return {
             "label": estimate.label,
             "axis": estimate.axis,
-            **{f"{name}_{unit}": _known(size * _PER_METRE[unit]) for name, size in sizes.items()},
+            **{f"{name}_{unit}": _known(size * PER_METRE[unit]) for name, size in sizes.items()},
             "distance_m": _known(estimate.distance_m),
             **dict(zip(("x1", "y1", "x2", "y2"), detection.xyxy, strict=True)),
             "score": detection.score,
