@@ -38,13 +38,39 @@ def scale_of(cases: Cases) -> Mixture:
     Mixture
         One row for each image.
     """
+    return measured(cases, _images(cases))
+
+
+def scale_under(cases: Cases) -> Mixture:
+    """
+    Tell what is known of log k of one image under each case, for what is no size k d p.
+
+    Parameters
+    ----------
+    cases : Cases
+        The solutions of one image.
+
+    Returns
+    -------
+    Mixture
+        One row for each case. Its weights are joint ones: they sum to 1 over all rows.
+    """
+    view, _ = _seen_by_strangers(cases, _images(cases))
+    log_weight = view.log_weight - view.log_weight.max()
+    weight, mean, variance = (
+        column[:, 0] for column in _blended(log_weight, view.log_k, view.log_k_var)
+    )
+    return Mixture(weight / weight.sum(), mean, variance)
+
+
+def _images(cases: Cases) -> Sized:
+    """Make an object for each image whose size is its k."""
     n_images = cases.log_weight.shape[1]
     zeros, sure = np.zeros(n_images), np.ones(n_images, dtype=np.bool_)
-    images = cases.witnesses._replace(
+    return cases.witnesses._replace(
         inverse_depth=zeros, log_pixels=zeros, noise_var=zeros, tau=zeros,
         image=np.arange(n_images), group=np.full(n_images, -1), told=sure, firm=sure, stance=None,
     )  # fmt: skip
-    return measured(cases, images)
 
 
 def measured(cases: Cases, subjects: Sized) -> Mixture:
@@ -63,15 +89,7 @@ def measured(cases: Cases, subjects: Sized) -> Mixture:
     Mixture
         One row for each object; mass beyond the horizon is missing.
     """
-    nobody = np.full(subjects.group.size, -1)
-    strangers = subjects._replace(group=nobody, tau=np.zeros(subjects.tau.size))
-    view, seen = _look(cases, strangers, nobody)
-    if cases.grid is None:  # log k as it was fitted, with the error that was declared
-        image = (
-            subjects.image + cases.log_weight.shape[1] * np.arange(cases.nuisance.n_cases)[:, None]
-        )
-        log_k, log_std = cases.fit.log_k[image], cases.fit.log_std[image]
-        view = view._replace(log_k=log_k[..., None], log_k_var=log_std[..., None] ** 2)
+    view, seen = _seen_by_strangers(cases, subjects)
     log_weight = view.log_weight + seen.log_weight[..., None]
     log_weight = log_weight - log_weight.max(axis=(0, 1, 3), keepdims=True)
     clouds: list[Mixture] = []
@@ -84,6 +102,20 @@ def measured(cases: Cases, subjects: Sized) -> Mixture:
         lost = np.where(np.isposinf(log_size), np.inf, np.nan)[..., None]
         clouds.append(cloud._replace(mean=np.where(finite[..., None], mean, lost)))
     return _mix(clouds)
+
+
+def _seen_by_strangers(cases: Cases, subjects: Sized) -> tuple[View, Sighting]:
+    """Look at objects that share no label's offset with the references."""
+    nobody = np.full(subjects.group.size, -1)
+    strangers = subjects._replace(group=nobody, tau=np.zeros(subjects.tau.size))
+    view, seen = _look(cases, strangers, nobody)
+    if cases.grid is None:  # log k as it was fitted, with the error that was declared
+        image = (
+            subjects.image + cases.log_weight.shape[1] * np.arange(cases.nuisance.n_cases)[:, None]
+        )
+        log_k, log_std = cases.fit.log_k[image], cases.fit.log_std[image]
+        view = view._replace(log_k=log_k[..., None], log_k_var=log_std[..., None] ** 2)
+    return view, seen
 
 
 def measured_again(

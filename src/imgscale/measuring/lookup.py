@@ -1,0 +1,93 @@
+"""What every measurement begins with: the model, a depth that belongs to it, its solutions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from imgscale._checks import check_type
+from imgscale.core.solving import Cases
+from imgscale.depth import Depth, DepthMap
+from imgscale.model import ScaleModel
+from imgscale.object_depth import with_image_size
+from imgscale.posing import problem_of_model, solve_by
+
+
+class Lookup(NamedTuple):
+    """
+    A model and the depth that is measured with.
+
+    Attributes
+    ----------
+    model : ScaleModel
+        The model.
+    depth : DepthMap, ObjectDepths or GroundPlane
+        The depth, with the image's size where that is known.
+    other_map : bool
+        True where it is another map than the fitted one.
+    """
+
+    model: ScaleModel
+    depth: Depth
+    other_map: bool
+
+    @property
+    def other_var(self) -> float:
+        """Variance of the log scales of two maps, as `predict` takes it."""
+        if not (self.other_map and isinstance(self.depth, DepthMap)):
+            return 0.0
+        return self.model.scale_rel_std**2 + self.depth.scale_rel_std**2
+
+
+def look_up(model: ScaleModel, depth: Depth | None, *, same_scale: bool) -> Lookup:
+    """
+    Check depth against a model.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+    depth : DepthMap, ObjectDepths, GroundPlane or None
+        The depth; None where a ground plane is the model's.
+    same_scale : bool
+        Vouch that another map than the fitted one has the same scale.
+
+    Returns
+    -------
+    Lookup
+        Both.
+
+    Raises
+    ------
+    ValueError
+        If the depth is missing.
+    DepthMismatchError
+        If it is not the model's.
+    """
+    check_type("model", model, ScaleModel)
+    check_type("same_scale", same_scale, bool)
+    if model.kind == "ground_plane" and model.ground and depth is None:
+        depth = model.ground
+    if depth is None:
+        msg = "`depth` is missing; pass the map of the model's kind."
+        raise ValueError(msg)
+    model.check_depth(depth, same_scale=same_scale)
+    usable = with_image_size(depth, model.image_size)
+    other = isinstance(usable, DepthMap) and usable.fingerprint != model.fingerprint
+    return Lookup(model, usable, other)
+
+
+def solved(model: ScaleModel) -> Cases:
+    """
+    Solve the problem of a model once more, with all that is not known.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+
+    Returns
+    -------
+    Cases
+        The solutions.
+    """
+    return solve_by(model.method, problem_of_model(model)[0])
