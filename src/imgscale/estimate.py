@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import attrs
 
 from imgscale._checks import as_float, is_between, nan_as_none, number_error
-from imgscale._format import with_error
+from imgscale._format import PER_METRE, digits_for, with_error
+from imgscale._html import Column, Markup, name_of, table
 from imgscale._typing import SizeAxis
 from imgscale.core.mixture import LARGEST_SCORE
-from imgscale.flags import Flag, flag_names
+from imgscale.flags import Flag, flag_names, flag_words
 
 __all__ = ["SizeEstimate"]
 
@@ -97,6 +98,115 @@ class SizeEstimate:
         if math.isinf(self.std_m):
             size = f"{self.size_m:.2g} +- inf m"
         return f"{self.label}: {self.axis} {size}{f' ({words})' if words else ''}"
+
+    def _repr_html_(self) -> str:
+        return sizes_table([self.label], [self])
+
+
+def sizes_table(
+    names: Sequence[str],
+    estimates: Sequence[SizeEstimate],
+    *,
+    unit: str = "m",
+    level: float = 0.9,
+    most: int | None = None,
+) -> Markup:
+    """
+    Lay out estimates as an HTML table.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The objects' names, by which those of one label are told apart.
+    estimates : sequence of SizeEstimate
+        Their sizes, in the same order.
+    unit : str
+        Unit of the sizes: "m", "cm", "mm", "in" or "ft".
+    level : float
+        Probability of the intervals, above 0 and below 1.
+    most : int, optional
+        Rows to be shown.
+
+    Returns
+    -------
+    Markup
+        Object, size with its standard error, interval, distance where one is known, and flags in
+        words, in the order given.
+    """
+    axes = {estimate.axis for estimate in estimates}
+    mixed = len(axes) > 1
+    columns = (
+        Column("object"),
+        Column("size" if mixed else "".join(axes), numeric=True),
+        Column(f"{percent(level)} interval", numeric=True),
+        Column("distance", numeric=True),
+        Column("notes"),
+    )
+    rows = [
+        (
+            name_of(name),
+            f"{estimate.axis} {size}" if mixed else size,
+            interval,
+            _distance_text(estimate.distance_m),
+            ", ".join(flag_words(estimate.flags)),
+        )
+        for name, estimate in zip(names, estimates, strict=True)
+        for size, interval in [size_texts(estimate, unit, level)]
+    ]
+    return table(columns, rows, most=most)
+
+
+def size_texts(estimate: SizeEstimate, unit: str, level: float) -> tuple[str, str]:
+    """
+    Write a size with its standard error, and its interval, to the digits that the error justifies.
+
+    Parameters
+    ----------
+    estimate : SizeEstimate
+        The estimate.
+    unit : str
+        "m", "cm", "mm", "in" or "ft".
+    level : float
+        Probability of the interval, above 0 and below 1.
+
+    Returns
+    -------
+    tuple of str
+        "0.467 ± 0.017 m" and "0.440 to 0.496 m"; "unknown" and nothing where the size is NaN.
+    """
+    low, high = (end * PER_METRE[unit] for end in estimate.interval(level))
+    size, std = estimate.size_m * PER_METRE[unit], estimate.std_m * PER_METRE[unit]
+    if math.isnan(size):
+        return ("unknown", "")
+    # Without a standard error of its own, a size is known no better than its lower end.
+    error = size - low if math.isinf(std) else std
+    digits = f".{digits_for(error)}f" if error > 0 else ".4g"
+    value = f"about {size:{digits}}" if math.isinf(std) else f"{size:{digits}}"
+    value += f" ± {std:{digits}}" if 0 < std < math.inf else ""
+    ends = f"above {low:{digits}}" if math.isinf(high) else f"{low:{digits}} to {high:{digits}}"
+    return (f"{value} {unit}", f"{ends} {unit}")
+
+
+def percent(level: float) -> str:
+    """
+    Write a probability.
+
+    Parameters
+    ----------
+    level : float
+        The probability, 0 to 1.
+
+    Returns
+    -------
+    str
+        For example "90 %", with a space that is not broken.
+    """
+    return f"{100 * level:.10g}\u00a0%"
+
+
+def _distance_text(distance_m: float | None) -> str:
+    known = distance_m is not None and math.isfinite(distance_m)
+    return f"{distance_m:.3g} m" if known else ""
 
 
 def central_scores(level: float) -> tuple[float, float]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 
-__all__ = ["Flag", "flag_names", "flags_of", "flags_where"]
+__all__ = ["Flag", "flag_meanings", "flag_names", "flag_words", "flags_of", "flags_where"]
 
 
 class Flag(enum.Flag):
@@ -67,6 +68,118 @@ class Flag(enum.Flag):
     EXTRAPOLATED = enum.auto()
     BEYOND_HORIZON = enum.auto()
     ASSUMED_HORIZON = enum.auto()
+
+
+# Short words, and what they mean; both must read well of a model and of an estimate.
+_WORDS: Mapping[Flag, tuple[str, str]] = MappingProxyType(
+    {
+        Flag.SINGLE_REFERENCE: (
+            "one reference alone",
+            "A single object of known size fixed the scale, and nothing checks it.",
+        ),
+        Flag.SINGLE_LABEL: (
+            "references of one kind",
+            "All objects of known size are of one kind, and share the error of its usual size.",
+        ),
+        Flag.OUTLIERS: (
+            "outlier",
+            "An object of known size contradicts the others and was left out: check what it is.",
+        ),
+        Flag.INCONSISTENT: (
+            "references disagree",
+            "The objects of known size disagree by more than their errors: intervals were widened.",
+        ),
+        Flag.CAMERA_CONFLICT: (
+            "conflict with the camera",
+            "What was told of the camera disagrees with the objects of known size and the depth.",
+        ),
+        Flag.IMPLAUSIBLE_FOCAL: (
+            "implausible focal length",
+            "No usual camera has the focal length that follows: a unit may be wrong.",
+        ),
+        Flag.REFERENCE: (
+            "known size",
+            "The object's usual size was known and helped to fix the scale.",
+        ),
+        Flag.PRIOR_USED: (
+            "with its usual size",
+            "The measurement was combined with the usual size of such objects.",
+        ),
+        Flag.MEAN_DEPTH: (
+            "mean distance",
+            "The object was taken to be as far away as the objects of known size are on average.",
+        ),
+        Flag.NO_DEPTH: ("no depth", "There is no depth on the object, so its size is unknown."),
+        Flag.MIXED_DEPTH: (
+            "two surfaces in the box",
+            "Two surfaces share the object's box; the depth may be that of the wrong one.",
+        ),
+        Flag.PARTIAL: (
+            "partly visible",
+            "The object is cut or hidden in part: the size is that of what is seen.",
+        ),
+        Flag.EXTRAPOLATED: (
+            "far from the references",
+            "The object is more than twice as near or as far as any object of known size.",
+        ),
+        Flag.BEYOND_HORIZON: (
+            "at the horizon",
+            "The object is, or may be, where no distance can be told: its size has no upper limit.",
+        ),
+        Flag.ASSUMED_HORIZON: (
+            "assumed horizon",
+            "Nobody told where the horizon is: it was taken as in photos at large.",
+        ),
+    }
+)
+
+
+def flag_words(flags: Flag) -> list[str]:
+    """
+    Put the flags that are set into a few plain words each.
+
+    Parameters
+    ----------
+    flags : Flag
+        The flags.
+
+    Returns
+    -------
+    list of str
+        Words in the order of `flag_names`.
+
+    Examples
+    --------
+    >>> from imgscale import Flag
+    >>> from imgscale.flags import flag_words
+    >>> flag_words(Flag.PARTIAL | Flag.REFERENCE)
+    ['known size', 'partly visible']
+    """
+    return [_WORDS[Flag[name]][0] for name in flag_names(flags)]
+
+
+def flag_meanings(flags: Flag) -> list[str]:
+    """
+    Say what the flags that are set mean, to one who does not know the method.
+
+    Parameters
+    ----------
+    flags : Flag
+        The flags.
+
+    Returns
+    -------
+    list of str
+        Sentences in the order of `flag_names`.
+
+    Examples
+    --------
+    >>> from imgscale import Flag
+    >>> from imgscale.flags import flag_meanings
+    >>> flag_meanings(Flag.PARTIAL)
+    ['The object is cut or hidden in part: the size is that of what is seen.']
+    """
+    return [_WORDS[Flag[name]][1] for name in flag_names(flags)]
 
 
 def flag_names(flags: Flag) -> list[str]:

@@ -9,12 +9,14 @@ import attrs
 
 from imgscale._checks import check_choice
 from imgscale._format import PER_METRE, text_table
+from imgscale._html import element, joined
 from imgscale._typing import ImageSize
 from imgscale.depth import Depth
 from imgscale.detection import Detection
-from imgscale.estimate import SizeEstimate, central_scores
+from imgscale.estimate import SizeEstimate, central_scores, sizes_table
 from imgscale.flags import flag_names
-from imgscale.model import ScaleModel
+from imgscale.model import MOST_ROWS, ScaleModel, summary_html
+from imgscale.reference import numbered_labels
 
 __all__ = ["Measurement"]
 
@@ -146,6 +148,12 @@ class Measurement:
         words = ", ".join(flag_names(self.model.flags))
         reservations = f"\nreservations, see explain(): {words}" if words else ""
         return f"{self.model}{reservations}\n{text_table(header, rows)}"
+
+    def _repr_html_(self) -> str:
+        names = numbered_labels([estimate.label for estimate in self.estimates])
+        sizes = sizes_table(names, self.estimates, most=MOST_ROWS)
+        heading = [element("p", element("strong", self.name))] if self.name else []
+        return joined((*heading, summary_html(self.model), sizes))
 
 
 def _known(value: float | None) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike
 from imgscale._checks import check_type, nan_as_none
 from imgscale._depth_values import valid_depths
 from imgscale._format import with_error
+from imgscale._html import Column, Markup, element, joined, name_of, table
 from imgscale._typing import DepthKind, FitMethod, FloatArray, ImageSize
 from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
 from imgscale.errors import DepthMismatchError
 from imgscale.fitted_plane import FittedPlane
-from imgscale.flags import Flag, flag_names, flags_of
+from imgscale.flags import Flag, flag_names, flag_words, flags_of
 from imgscale.laws import LAWS
 from imgscale.noise import Noise
 from imgscale.object_prior import ObjectPrior
@@ -29,6 +30,8 @@ from imgscale.shared_scale import SharedReference, SharedScale
 __all__ = ["ScaleModel"]
 
 _SCHEMA = 4
+_NO_PRIOR = "no prior"
+MOST_ROWS = 30  # of a table in a notebook
 
 
 @attrs.frozen(kw_only=True)
@@ -352,52 +355,136 @@ class ScaleModel:
         return cls(**fields)
 
     def __str__(self) -> str:
-        law = LAWS[self.kind]
-        numbers = numbered_labels([ref.label for ref in self.references])
-        pairs = list(zip(numbers, self.references, strict=True))
-        used = sum(ref.used for ref in self.references)
-        candidates = sum(ref.reason != "no prior" for ref in self.references)
-        noun = "reference" if candidates == 1 else "references"
-        shift = ""
-        if self.kind == "ground_plane" and self.plane:
-            shift = f", horizon at row {with_error(-self.shift, self.shift_std)} px,"
-        elif law.has_shift:
-            shift = f", shift {with_error(self.shift, self.shift_std)},"
-        text = f"{_k_text(self)} ({law.k_meaning}){shift} from {used} of {candidates} {noun}"
-        if self.shared:
-            text += f" and those of {self.shared.n_frames - 1} other frames"
-        if self.camera_is_witness:
-            text += " and the camera's focal length"
-        if self.ground and self.ground.camera_height_m is not None:
-            text += " and the camera's height as it was given"
-        if self.ground and self.ground.horizon_px is not None:
-            text += " and the horizon as it was given"
-        if self.plane and self.kind != "ground_plane":
-            height = with_error(self.plane.camera_height_m, self.plane.camera_height_std_m)
-            text += f"; the camera is {height} m above the ground"
+        pairs = _named(self.references)
+        text = summary(self)
         for title, wanted in (("not used", True), ("without a prior", False)):
             names = [
                 f"{name} ({ref.reason})" if wanted else name
                 for name, ref in pairs
-                if not ref.used and (ref.reason != "no prior") == wanted
+                if not ref.used and (ref.reason != _NO_PRIOR) == wanted
             ]
             if names:
                 text += f"; {title}: {', '.join(names)}"
         return text
 
     def _repr_html_(self) -> str:
-        import html  # noqa: PLC0415 - for notebooks alone
+        return joined((summary_html(self), references_table(self, most=MOST_ROWS)))
 
-        numbers = numbered_labels([ref.label for ref in self.references])
-        rows = "".join(
-            f"<tr><td>{html.escape(name)}</td><td>{ref.pixels:.4g}</td><td>{ref.depth:.4g}</td>"
-            f"<td>{ref.weight:.2f}</td><td>{html.escape(ref.reason or 'used')}</td></tr>"
-            for name, ref in zip(numbers, self.references, strict=True)
-        )
-        return (
-            f"<table><caption>{html.escape(str(self))}</caption><tr><th>object</th><th>pixels</th>"
-            f"<th>depth</th><th>share in k</th><th>reference</th></tr>{rows}</table>"
-        )
+
+def summary_html(model: ScaleModel) -> Markup:
+    """
+    Write a model's k, what it is from and its reservations as HTML.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+
+    Returns
+    -------
+    Markup
+        A paragraph, and another one with the flags in words where there are any.
+    """
+    words = ", ".join(flag_words(model.flags))
+    texts = [summary(model).replace("+-", "±"), f"Reservations: {words}" if words else ""]
+    return joined(element("p", text, style="margin:0.25em 0") for text in texts if text)
+
+
+def references_table(model: ScaleModel, *, most: int | None = None) -> Markup:
+    """
+    Lay out what every detection said of the scale as an HTML table.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+    most : int, optional
+        Rows to be shown.
+
+    Returns
+    -------
+    Markup
+        Object, size by its prior, extent in pixels, depth, share in k, z-score and use:
+        references used first, the heaviest at the top; then those not used, with the reason; then
+        what has no prior.
+    """
+    columns = (
+        Column("object"),
+        Column("known size", numeric=True),
+        Column("pixels", numeric=True),
+        Column("foot row" if model.kind == "ground_plane" else "depth", numeric=True),
+        Column("share in k", numeric=True),
+        Column("z-score", numeric=True),
+        Column("use"),
+    )
+    pairs = sorted(
+        _named(model.references),
+        key=lambda pair: (not pair[1].used, pair[1].reason == _NO_PRIOR, -pair[1].weight),
+    )
+    return table(columns, [_reference_cells(name, ref) for name, ref in pairs], most=most)
+
+
+def _reference_cells(name: str, ref: Reference) -> tuple[str, ...]:
+    known = not math.isnan(ref.prior_m)
+    size = with_error(ref.prior_m, ref.prior_std_m).replace("+-", "±")
+    use = "no known size" if ref.reason == _NO_PRIOR else f"not used: {ref.reason}"
+    return (
+        name_of(name),
+        f"{size} m" if known else "",
+        f"{ref.pixels:.4g}",
+        "" if math.isnan(ref.depth) else f"{ref.depth:.4g}",
+        _share_text(ref.weight) if ref.used else "",
+        "" if math.isnan(ref.z_score) else f"{ref.z_score:+z.1f}",
+        "used" if ref.used else use,
+    )
+
+
+def _share_text(share: float) -> str:
+    return "under 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
+
+
+def _named(references: Sequence[Reference]) -> list[tuple[str, Reference]]:
+    """Give every reference a name of its own."""
+    names = numbered_labels([ref.label for ref in references])
+    return list(zip(names, references, strict=True))
+
+
+def summary(model: ScaleModel) -> str:
+    """
+    Tell k and what it is from, without naming the references.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+
+    Returns
+    -------
+    str
+        The beginning of ``str(model)``.
+    """
+    law = LAWS[model.kind]
+    used = sum(ref.used for ref in model.references)
+    candidates = sum(ref.reason != _NO_PRIOR for ref in model.references)
+    noun = "reference" if candidates == 1 else "references"
+    shift = ""
+    if model.kind == "ground_plane" and model.plane:
+        shift = f", horizon at row {with_error(-model.shift, model.shift_std)} px,"
+    elif law.has_shift:
+        shift = f", shift {with_error(model.shift, model.shift_std)},"
+    text = f"{_k_text(model)} ({law.k_meaning}){shift} from {used} of {candidates} {noun}"
+    if model.shared:
+        text += f" and those of {model.shared.n_frames - 1} other frames"
+    if model.camera_is_witness:
+        text += " and the camera's focal length"
+    if model.ground and model.ground.camera_height_m is not None:
+        text += " and the camera's height as it was given"
+    if model.ground and model.ground.horizon_px is not None:
+        text += " and the horizon as it was given"
+    if model.plane and model.kind != "ground_plane":
+        height = with_error(model.plane.camera_height_m, model.plane.camera_height_std_m)
+        text += f"; the camera is {height} m above the ground"
+    return text
 
 
 def _k_text(model: ScaleModel) -> str:
