@@ -157,11 +157,18 @@ def test_a_source_may_say_that_it_found_no_camera():
     assert measure(picture(), depth_source=lambda _: (depth, None)).model.camera is None
 
 
-def test_what_is_there_already_is_no_detector_and_the_remedy_is_named():
-    with pytest.raises(TypeError, match=r"`detector` must be a function .*: detections"):
-        measure(picture(), detector=[DOOR])
-    with pytest.raises(TypeError, match=r"`depth_source` must be a function .*lambda image: depth"):
-        measure(picture(), depth_source=flat(picture()))
+def test_what_is_there_already_serves_as_what_a_function_would_return():
+    depth = flat(picture())
+    ready = measure(picture(), detector=[DOOR], depth_source=depth)
+    assert ready == measure(picture(), detector=lambda _: [DOOR], depth_source=lambda _: depth)
+    assert ready.depth is depth
+
+
+def test_what_is_neither_function_nor_result_is_named():
+    with pytest.raises(TypeError, match=r"`detector` must be or return a sequence .*got NoneType"):
+        measure(picture(), detector=None)
+    with pytest.raises(TypeError, match=r"`depth` must be a DepthMap.*got ndarray"):
+        measure(picture(), depth_source=np.ones((4, 4)))
 
 
 def test_a_pil_image_already_turned_is_not_turned_again(tmp_path):
@@ -447,7 +454,9 @@ def test_the_types_of_every_public_name_can_be_looked_up(name):
 
 
 def test_a_detector_that_returns_nothing_is_named():
-    with pytest.raises(TypeError, match=r"`detector` must return a sequence .* an empty one where"):
+    with pytest.raises(
+        TypeError, match=r"`detector` must be or return a sequence .* an empty one where"
+    ):
         measure(picture(), detector=lambda _: None)
 
 

@@ -25,8 +25,8 @@ _PAIR = 2  # a depth and a camera
 def measure(
     image: Picture,
     *,
-    detector: Detector,
-    depth_source: DepthSource,
+    detector: Detector | Sequence[Detection],
+    depth_source: DepthSource | Depth,
     priors: PriorTable | None = None,
     ground: GroundPlane | None = None,
     camera: Camera | None = None,
@@ -43,10 +43,11 @@ def measure(
     image : path, (H, W, 3) ndarray of uint8 or PIL image
         The picture. A file's or PIL image's EXIF orientation is applied once, before anything
         looks at it; an array is taken as it is.
-    detector : Detector
-        Gives the detections of an RGB array.
-    depth_source : DepthSource
-        Gives the depth of an RGB array, or the depth and the camera that a network saw.
+    detector : Detector or sequence of Detection
+        Gives the detections of an RGB array; or the detections themselves, where you have them.
+    depth_source : DepthSource, DepthMap, ObjectDepths or GroundPlane
+        Gives the depth of an RGB array, or the depth and the camera that a network saw; or the
+        depth itself.
     priors : PriorTable, optional
         Sizes by label; the shipped table where omitted.
     ground : GroundPlane, optional
@@ -72,7 +73,7 @@ def measure(
     FitError
         If no detection can be a reference.
     TypeError
-        If `image` is no picture, or `detector` or `depth_source` no function.
+        If `image` is no picture, `detector` gives no detections or `depth_source` no depth.
     ValueError
         If an argument breaks its law.
     OSError
@@ -80,26 +81,24 @@ def measure(
 
     Examples
     --------
-    Any function is a detector or a depth source:
+    Any function is a detector or a depth source, and so is what it would return:
 
     >>> import numpy as np
     >>> import imgscale as ims
     >>> image = np.zeros((480, 640, 3), dtype=np.uint8)
     >>> result = ims.measure(
     ...     image,
-    ...     detector=lambda image: [ims.Detection("door", (100, 50, 180, 250))],
+    ...     detector=[ims.Detection("door", (100, 50, 180, 250))],
     ...     depth_source=lambda image: ims.DepthMap(np.full(image.shape[:2], 4.0), kind="relative"),
     ... )
     >>> result.image_size
     (640, 480)
     """
-    check_callable("detector", detector, "lambda image: detections")
-    check_callable("depth_source", depth_source, "lambda image: depth")
     pixels = upright_rgb(image)
     size = (pixels.shape[1], pixels.shape[0])
     # a copy for each, which it may draw on
-    detections = _detections(detector(pixels.copy()))
-    seen = depth_source(pixels.copy())
+    detections = _detections(detector(pixels.copy()) if callable(detector) else detector)
+    seen = depth_source(pixels.copy()) if callable(depth_source) else depth_source
     depth, own_camera = _with_camera(seen)
     _check_depth(depth, size)
     camera = camera or own_camera
@@ -121,8 +120,8 @@ def _detections(found: Sequence[Detection]) -> tuple[Detection, ...]:
         return check_detections(found)
     except TypeError as error:
         msg = (
-            "`detector` must return a sequence of Detection objects, an empty one where it sees "
-            f"nothing; {error}"
+            "`detector` must be or return a sequence of Detection objects, an empty one where it "
+            f"sees nothing; {error}"
         )
         raise TypeError(msg) from error
 
@@ -138,32 +137,6 @@ def _with_camera(seen: Depth | tuple[Depth, Camera | None]) -> tuple[Depth, Came
         )
         raise TypeError(msg)
     return seen
-
-
-def check_callable(name: str, value: object, remedy: str) -> None:
-    """
-    Raise unless a value can be called.
-
-    Parameters
-    ----------
-    name : str
-        Its name, for the message.
-    value : object
-        The value.
-    remedy : str
-        How to make a function of what is there already.
-
-    Raises
-    ------
-    TypeError
-        If it cannot be called.
-    """
-    if not callable(value):
-        msg = (
-            f"`{name}` must be a function of the picture; got {type(value).__name__}. Wrap what "
-            f"you have already: {remedy}."
-        )
-        raise TypeError(msg)
 
 
 def _check_depth(depth: Depth, size: ImageSize) -> None:
