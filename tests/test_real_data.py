@@ -316,7 +316,7 @@ def test_without_matplotlib_the_demo_prints_its_table_and_says_what_to_install(t
 @pytest.mark.skipif(not HAS_MATPLOTLIB, reason="matplotlib is not installed")
 def test_a_picture_that_cannot_be_written_is_an_error_without_traceback(tmp_path):
     result = run_demo("demo", "--out", "no/such/folder/tmp.png", cwd=tmp_path)
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert result.stderr.startswith("imgscale: ")
     assert "Traceback" not in result.stderr
 
