@@ -12,15 +12,14 @@ import numpy as np
 from imgscale._checks import check_choice, check_type
 from imgscale._typing import IntArray, SizeAxis
 from imgscale.columns import in_groups, objects_of
-from imgscale.core.witnesses import UNKNOWN_DEPTH_REL
-from imgscale.depth import Depth, DepthMap, ObjectDepths
+from imgscale.depth import Depth, ObjectDepths
 from imgscale.detection import Detection, check_detections
 from imgscale.errors import FitError
 from imgscale.estimate import SizeEstimate
 from imgscale.flags import Flag
 from imgscale.laws import LAWS
+from imgscale.lookup import look_up
 from imgscale.model import ScaleModel
-from imgscale.object_depth import with_image_size
 from imgscale.object_prior import SIZE_AXES
 from imgscale.observations import Observations, observe
 from imgscale.posing import check_joint, problem_of_model, solve_by, view_of
@@ -28,6 +27,8 @@ from imgscale.prior_choice import MeanKey
 from imgscale.sizing import Wanted, distances, gather, row_flags, size_up
 
 __all__ = ["predict"]
+
+_REMEDY = 'pass the map, or depth="mean" for the paper\'s rule.'
 
 
 def predict(
@@ -104,30 +105,24 @@ def predict(
     check_choice("axis", axis, SIZE_AXES)
     check_type("model", model, ScaleModel)
     check_type("use_prior", use_prior, bool)
-    check_type("same_scale", same_scale, bool)
     detections = check_detections(detections)
-    if model.kind == "ground_plane" and model.ground and depth is None:
-        depth = model.ground
-    if depth is None:
-        msg = '`depth` is missing; pass the map, or depth="mean" for the paper\'s rule.'
-        raise ValueError(msg)
     shared_flags = Flag(0)
     if isinstance(depth, str):
         _check_rule(depth)
         depth = _at_mean_depth(model, len(detections))
         shared_flags = Flag.MEAN_DEPTH
-    model.check_depth(depth, same_scale=same_scale)
-    usable = with_image_size(depth, model.image_size)
-    obs = observe(
-        detections, usable, model.priors, model.noise, ground=model.ground, axis=axis, k=model.k
+    lookup = look_up(model, depth, same_scale=same_scale, remedy=_REMEDY)
+    obs = lookup.with_errors(
+        observe(
+            detections,
+            lookup.depth,
+            model.priors,
+            model.noise,
+            ground=model.ground,
+            axis=axis,
+            k=model.k,
+        )
     )
-    if obs.unknown_noise and model.depth_rel is None:  # fitted to depths whose noise was told
-        obs = obs._replace(depth_var=obs.depth_var + UNKNOWN_DEPTH_REL**2)
-    other_map = False
-    if isinstance(usable, DepthMap) and usable.fingerprint != model.fingerprint:
-        other_map = True  # k holds the scale error of the fitted map, and this one has its own
-        scale_var = model.scale_rel_std**2 + usable.scale_rel_std**2
-        obs = obs._replace(depth_var=obs.depth_var + scale_var)
     problem, keys = problem_of_model(model)
     wanted = _wanted(model, detections, obs, keys, use_prior=use_prior)
     cases = solve_by(model.method, problem)
@@ -137,7 +132,7 @@ def predict(
         obs,
         sizes,
         row_flags(obs, wanted, sizes, cases, shared_flags),
-        distances(model, obs.depth, sizes, wanted.log_k, other_map=other_map),
+        distances(model, obs.depth, sizes, wanted.log_k, other_map=lookup.other_map),
     )
 
 

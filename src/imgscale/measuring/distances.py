@@ -25,7 +25,7 @@ from imgscale.depth import DepthMap, GroundPlane, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS
-from imgscale.measuring.lookup import Lookup, look_up, solved
+from imgscale.lookup import Lookup, look_up, solved
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.object_depth import object_depths

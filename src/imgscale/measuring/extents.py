@@ -19,13 +19,12 @@ from imgscale.core.segments import Parts
 from imgscale.core.sighting import log_scales
 from imgscale.core.solving import Cases
 from imgscale.core.surface import surface_distances
-from imgscale.core.witnesses import UNKNOWN_DEPTH_REL
 from imgscale.depth import Depth, DepthMap
 from imgscale.detection import Detection
 from imgscale.extent import extent_rel_std
 from imgscale.flags import Flag
 from imgscale.laws import LAWS
-from imgscale.measuring.lookup import Lookup, look_up, solved
+from imgscale.lookup import Lookup, look_up, solved
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.observations import Observations, observe
@@ -239,10 +238,7 @@ def extent_of(lookup: Lookup, cases: Cases, region: Region, depth: Depth) -> Ext
     obs = observe(
         [detection], depth, model.priors, noise, ground=model.ground, axis="height", k=model.k
     )
-    obs = _four(obs)
-    if obs.unknown_noise and model.depth_rel is None:  # fitted to depths whose noise was told
-        obs = obs._replace(depth_var=obs.depth_var + UNKNOWN_DEPTH_REL**2)
-    obs = obs._replace(depth_var=obs.depth_var + lookup.other_var)
+    obs = lookup.with_errors(_four(obs))
     obs.inverse_depth[3] = _mean_inverse(lookup, region.mask, float(obs.inverse_depth[0]))
     # a tilted camera shows heights shorter than widths
     logs = log_scales(objects_of(obs, view_of(model)), cases.best)[0][0]

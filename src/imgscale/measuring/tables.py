@@ -16,8 +16,8 @@ from imgscale._typing import ImageSize
 from imgscale.depth import Depth, ObjectDepths
 from imgscale.estimate import central_scores
 from imgscale.flags import flag_names
+from imgscale.lookup import look_up, solved
 from imgscale.measuring.extents import extent_of, region_of_pixels
-from imgscale.measuring.lookup import look_up, solved
 from imgscale.model import ScaleModel
 from imgscale.quantity import Extent, Quantity
 

@@ -6,9 +6,11 @@ from typing import NamedTuple
 
 from imgscale._checks import check_type
 from imgscale.core.solving import Cases
+from imgscale.core.witnesses import UNKNOWN_DEPTH_REL
 from imgscale.depth import Depth, DepthMap
 from imgscale.model import ScaleModel
 from imgscale.object_depth import with_image_size
+from imgscale.observations import Observations
 from imgscale.posing import problem_of_model, solve_by
 
 
@@ -32,13 +34,39 @@ class Lookup(NamedTuple):
 
     @property
     def other_var(self) -> float:
-        """Variance of the log scales of two maps, as `predict` takes it."""
+        """Variance of the log scales of two maps: k holds that of the fitted one."""
         if not (self.other_map and isinstance(self.depth, DepthMap)):
             return 0.0
         return self.model.scale_rel_std**2 + self.depth.scale_rel_std**2
 
+    def with_errors(self, obs: Observations) -> Observations:
+        """
+        Add the errors of depths that no single object tells.
 
-def look_up(model: ScaleModel, depth: Depth | None, *, same_scale: bool) -> Lookup:
+        Parameters
+        ----------
+        obs : Observations
+            The objects.
+
+        Returns
+        -------
+        Observations
+            With the noise that nobody told where the model was fitted to depths whose noise was,
+            and the errors of the scales of two maps.
+        """
+        variance = obs.depth_var + self.other_var
+        if obs.unknown_noise and self.model.depth_rel is None:
+            variance = variance + UNKNOWN_DEPTH_REL**2
+        return obs._replace(depth_var=variance)
+
+
+def look_up(
+    model: ScaleModel,
+    depth: Depth | None,
+    *,
+    same_scale: bool,
+    remedy: str = "pass the map of the model's kind.",
+) -> Lookup:
     """
     Check depth against a model.
 
@@ -50,6 +78,8 @@ def look_up(model: ScaleModel, depth: Depth | None, *, same_scale: bool) -> Look
         The depth; None where a ground plane is the model's.
     same_scale : bool
         Vouch that another map than the fitted one has the same scale.
+    remedy : str
+        What to do where the depth is missing.
 
     Returns
     -------
@@ -68,7 +98,7 @@ def look_up(model: ScaleModel, depth: Depth | None, *, same_scale: bool) -> Look
     if model.kind == "ground_plane" and model.ground and depth is None:
         depth = model.ground
     if depth is None:
-        msg = "`depth` is missing; pass the map of the model's kind."
+        msg = f"`depth` is missing; {remedy}"
         raise ValueError(msg)
     model.check_depth(depth, same_scale=same_scale)
     usable = with_image_size(depth, model.image_size)
