@@ -690,9 +690,9 @@ def test_the_papers_frame_holds_two_vans_and_a_cyclist():
     assert [one.detection.partial for one in objects] == [False, False, True]
 
 
-# --- the example ---
+# --- the paper on a folder ---
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "paper_on_kitti.py"
+EXAMPLE = Path(__file__).parents[1] / "benchmarks" / "paper_on_kitti.py"
 
 
 def run_example(*arguments):
