@@ -4,6 +4,7 @@ import math
 import re
 from html.parser import HTMLParser
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -264,17 +265,23 @@ def test_five_hundred_references_show_the_heaviest_thirty():
     assert len(html) < 40_000
 
 
+KNOWN = Flag.REFERENCE | Flag.OUTLIERS
+
 # --- measurements --------------------------------------------------------------------------------
 
 
-def test_a_measurement_lists_objects_in_their_order_with_the_numbers_of_its_table():
+def test_a_measurement_lists_what_was_asked_for_first_with_the_numbers_of_its_table():
     result = named(measured(), "street.jpg")
     parsed = Parsed(result._repr_html_())
     assert parsed.text.startswith("street.jpg")
     header, *rows = parsed.rows
     assert header[:3] == ["object", "height", "90\u00a0% interval"]
-    assert [row[0] for row in rows] == ["gate", "pole 1", "thing", "pole 2", "pole 3", "pole 4"]
-    for row, known in zip(rows, result.table(), strict=True):
+    names = ("gate", "pole 1", "thing", "pole 2", "pole 3", "pole 4")
+    order = sorted(range(6), key=lambda row: bool(result.estimates[row].flags & KNOWN))
+    assert [row[0] for row in rows] == [names[row] for row in order]
+    assert names[order[0]] == "thing"
+    known_rows = [result.table()[row] for row in order]
+    for row, known in zip(rows, known_rows, strict=True):
         if known["size_m"] is None:
             assert row[1:3] == ["unknown", ""]
             continue
@@ -286,6 +293,14 @@ def test_a_measurement_lists_objects_in_their_order_with_the_numbers_of_its_tabl
         assert abs(size - known["size_m"]) <= half
         assert abs(low - known["low_m"]) <= half
         assert abs(high - known["high_m"]) <= half
+
+
+def test_an_interval_without_an_upper_end_is_printed_as_one():
+    result = measured(labels=("pole",))
+    quantiles = tuple([1.0] * 14 + [2.0] * 6 + [math.inf] * 9)
+    open_end = attrs.evolve(result.estimates[0], size_m=2.0, quantiles_m=quantiles)
+    row = str(attrs.evolve(result, estimates=(open_end,))).splitlines()[-1]
+    assert "above 1.0" in row
 
 
 def test_nothing_found_is_an_empty_table():

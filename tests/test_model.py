@@ -157,6 +157,36 @@ def test_a_record_of_another_schema_is_refused(schema):
         ims.ScaleModel.from_dict(record)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"k": math.nan},
+        {"k": -1.0},
+        {"k": None},
+        {"k_std": -1.0},
+        {"shift": "0"},
+        {"method": 0},
+        {"kind": "depth"},
+        {"image_size": []},
+        {"image_size": [math.inf, 540]},
+        {"references": [{}]},
+        {"references": 3},
+        {"priors": [{"label": "pole"}]},
+        {"camera": {"f": 1}},
+        {"flags": ["GREEN"]},
+    ],
+    ids=str,
+)
+def test_a_record_that_holds_what_no_model_holds_is_refused(change):
+    with pytest.raises(ValueError, match="`record` must hold what `to_dict` writes; it is broken"):
+        ims.ScaleModel.from_dict(busy_model().to_dict() | change)
+
+
+def test_a_record_that_is_no_mapping_is_refused():
+    with pytest.raises(TypeError, match="`record` must be a mapping, as `to_dict` writes it; got"):
+        ims.ScaleModel.from_dict([1, 2])
+
+
 def test_from_dict_leaves_its_record_alone():
     record = busy_model().to_dict()
     before = json.dumps(record)

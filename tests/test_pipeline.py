@@ -404,7 +404,7 @@ def test_what_is_not_known_is_none_in_the_table_and_a_dash_in_print():
     result = measure(picture(), depth_source=lambda _: source)
     row = result.table()[1]
     assert (row["size_m"], row["low_m"], row["distance_m"]) == (None, None, None)
-    assert str(result).splitlines()[-1].split() == ["statue", "-", "-", "-", "NO_DEPTH"]
+    assert str(result).splitlines()[-1].split() == ["statue", "unknown", "-", "-", "NO_DEPTH"]
 
 
 def test_an_unknown_unit_is_refused():

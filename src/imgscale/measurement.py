@@ -13,8 +13,8 @@ from imgscale._html import element, joined
 from imgscale._typing import ImageSize
 from imgscale.depth import Depth
 from imgscale.detection import Detection
-from imgscale.estimate import SizeEstimate, central_scores, sizes_table
-from imgscale.flags import flag_names
+from imgscale.estimate import SizeEstimate, central_scores, size_texts, sizes_table
+from imgscale.flags import Flag, flag_names
 from imgscale.model import MOST_ROWS, ScaleModel, summary_html
 from imgscale.reference import numbered_labels
 
@@ -134,16 +134,15 @@ class Measurement:
         }
 
     def __str__(self) -> str:
-        header = ("object", "size m", "90 % interval", "distance m", "")
+        header = ("object", "size", "90 % interval", "distance m", "")
         rows = [
             (
                 row["label"],
-                _text(row["size_m"], ".3g"),
-                "-" if row["size_m"] is None else f"{row['low_m']:.3g} to {row['high_m']:.3g}",
-                _text(row["distance_m"], ".3g"),
+                *(text.replace("±", "+-") or "-" for text in size_texts(estimate, "m", 0.9)),
+                "-" if row["distance_m"] is None else f"{row['distance_m']:.3g}",
                 row["flags"],
             )
-            for row in self.table()
+            for row, estimate in zip(self.table(), self.estimates, strict=True)
         ]
         words = ", ".join(flag_names(self.model.flags))
         reservations = f"\nreservations, see explain(): {words}" if words else ""
@@ -151,15 +150,19 @@ class Measurement:
 
     def _repr_html_(self) -> str:
         names = numbered_labels([estimate.label for estimate in self.estimates])
-        sizes = sizes_table(names, self.estimates, most=MOST_ROWS)
+        # what the scale says of others before what it rests on
+        order = sorted(range(len(names)), key=lambda row: _is_known(self.estimates[row]))
+        sizes = sizes_table(
+            [names[row] for row in order], [self.estimates[row] for row in order], most=MOST_ROWS
+        )
         heading = [element("p", element("strong", self.name))] if self.name else []
         return joined((*heading, summary_html(self.model), sizes))
+
+
+def _is_known(estimate: SizeEstimate) -> bool:
+    return bool(estimate.flags & (Flag.REFERENCE | Flag.OUTLIERS))
 
 
 def _known(value: float | None) -> float | None:
     """Files have None for what is not known."""
     return None if value is None or not math.isfinite(value) else value
-
-
-def _text(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)

@@ -19,17 +19,16 @@ from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
 from imgscale.errors import DepthMismatchError
 from imgscale.fitted_plane import FittedPlane
-from imgscale.flags import Flag, flag_names, flag_words, flags_of
+from imgscale.flags import Flag, flag_words
 from imgscale.laws import LAWS
+from imgscale.model_record import fields_from, record_of
 from imgscale.noise import Noise
-from imgscale.object_prior import ObjectPrior
 from imgscale.priors import PriorTable
 from imgscale.reference import Reference, numbered_labels
-from imgscale.shared_scale import SharedReference, SharedScale
+from imgscale.shared_scale import SharedScale
 
 __all__ = ["ScaleModel"]
 
-_SCHEMA = 4
 _NO_PRIOR = "no prior"
 MOST_ROWS = 30  # of a table in a notebook
 
@@ -307,9 +306,7 @@ class ScaleModel:
         dict
             With a "schema" entry; floats that are not finite become None.
         """
-        record = attrs.asdict(self, recurse=True, value_serializer=_plain)
-        record["priors"] = [_plain_record(prior) for prior in self.priors]
-        return {"schema": _SCHEMA, **record}
+        return record_of(self)
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> ScaleModel:
@@ -328,31 +325,12 @@ class ScaleModel:
 
         Raises
         ------
+        TypeError
+            If the record is no mapping.
         ValueError
-            If the record is of another schema or lacks a field.
+            If it is of another schema, lacks a field, or holds what no model holds.
         """
-        fields = dict(record)
-        if fields.pop("schema", None) != _SCHEMA:
-            msg = f"`record` must have schema {_SCHEMA}; got {record.get('schema')!r}."
-            raise ValueError(msg)
-        names = {field.name for field in attrs.fields(cls)}
-        if fields.keys() != names:
-            odd = ", ".join(sorted(fields.keys() ^ names))
-            msg = f"`record` must have the fields that `to_dict` writes; got others: {odd}."
-            raise ValueError(msg)
-        fields["references"] = tuple(_reference(item) for item in fields["references"])
-        fields["flags"] = flags_of(fields["flags"])
-        fields["priors"] = PriorTable([ObjectPrior(**item) for item in fields["priors"]])
-        fields["noise"] = Noise(**fields["noise"])
-        kinds = (("camera", Camera), ("ground", GroundPlane), ("plane", FittedPlane))
-        for name, kind in kinds:
-            fields[name] = None if fields[name] is None else kind(**fields[name])
-        fields["shared"] = None if fields["shared"] is None else _shared(fields["shared"])
-        size = fields["image_size"]
-        fields["image_size"] = None if size is None else (int(size[0]), int(size[1]))
-        if fields["mean_depth"] is None:
-            fields["mean_depth"] = math.nan
-        return cls(**fields)
+        return cls(**fields_from(record, [field.name for field in attrs.fields(cls)]))
 
     def __str__(self) -> str:
         pairs = _named(self.references)
@@ -495,37 +473,3 @@ def _k_text(model: ScaleModel) -> str:
     exponent = math.floor(math.log10(model.k))
     factor = 10.0**exponent
     return f"k = ({with_error(model.k / factor, model.k_std / factor)})e{exponent} {unit}"
-
-
-def _plain(_: object, __: object, value: Any) -> Any:
-    """Make one field JSON-ready; tables are written apart."""
-    if isinstance(value, Flag):
-        return flag_names(value)
-    if isinstance(value, PriorTable):
-        return None
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def _plain_record(prior: ObjectPrior) -> dict[str, Any]:
-    return attrs.asdict(prior, value_serializer=_plain)
-
-
-def _shared(item: Mapping[str, Any]) -> SharedScale:
-    fields: dict[str, Any] = {name: item[name] for name in item.keys() - {"own", "others"}}
-    return SharedScale(
-        own=tuple(SharedReference(**row) for row in item["own"]),
-        others=tuple(SharedReference(**row) for row in item["others"]),
-        **fields,
-    )
-
-
-def _reference(item: Mapping[str, Any]) -> Reference:
-    fields: dict[str, Any] = {
-        name: math.nan if value is None else value for name, value in item.items()
-    }
-    fields["xyxy"] = tuple(fields["xyxy"])
-    foot = item["foot_xy"]
-    fields["foot_xy"] = tuple(math.nan if number is None else number for number in foot)
-    return Reference(**fields)
