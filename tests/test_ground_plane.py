@@ -955,3 +955,15 @@ def test_an_object_near_the_horizon_has_a_finite_positive_lower_end():
         [size] = ims.predict(model, [thing])
         # a size is the smaller the farther the horizon: at 5 sigma 40 px of it span 0.6 m
         assert size.interval(0.99)[0] > 0.1
+
+
+@pytest.mark.parametrize("method", ["robust", "posterior"])
+def test_things_that_hang_above_the_horizon_do_not_fix_it(method):
+    door = ims.Detection("door", (20, 48, 70, 240))
+    signs = [ims.Detection("thing", (300 + 20 * i, 38, 310 + 20 * i, 50)) for i in range(3)]
+    plane = ims.GroundPlane(image_size=(640, 480))
+    alone = ims.fit([door], plane, method=method)
+    among = ims.fit([door, *signs], plane, method=method)
+    assert ims.Flag.ASSUMED_HORIZON in among.flags
+    assert among.plane.horizon_std_px > 0.5 * alone.plane.horizon_std_px
+    assert among.plane.horizon_px == pytest.approx(alone.plane.horizon_px, abs=5)

@@ -69,7 +69,7 @@ class Measurement:
             ``low_<unit>`` and ``high_<unit>``; ``distance_m``, the z-depth in metres; ``x1``,
             ``y1``, ``x2``, ``y2`` in pixels; ``score``; ``track_id``; ``flags`` and
             ``model_flags``, reservations about this size and about the scale of all, words with
-            spaces between. None where a number is not known.
+            spaces between. None where a number is not known, or where an interval has no upper end.
 
         Raises
         ------

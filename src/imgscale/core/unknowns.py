@@ -314,14 +314,23 @@ def _blurred(objects: Sized, noise: float) -> Sized:
 
 
 def _median_foot(witnesses: Sized, bystanders: Sized, n_images: int, scene: Scene) -> FloatArray:
-    """Median row of the feet of each image; without feet a row well below the horizon."""
-    feet = np.concatenate([stance_of(witnesses).foot, stance_of(bystanders).foot])
+    """
+    Median row of the feet of each image; without feet a row well below the horizon.
+
+    Any number of other objects may hang above the horizon: it is no higher than the farthest
+    reference's.
+    """
+    of_references = stance_of(witnesses).foot
+    feet = np.concatenate([of_references, stance_of(bystanders).foot])
     image = np.concatenate([witnesses.image, bystanders.image])
     known = ~np.isnan(feet)
-    weight = np.append(np.ones(int(known.sum())), np.full(n_images, 1e-9))
-    return median_by(
+    median = median_by(
         np.append(image[known], np.arange(n_images)),
         np.append(feet[known], np.full(n_images, scene.horizon + scene.span / 2)),
-        weight,
+        np.append(np.ones(int(known.sum())), np.full(n_images, 1e-9)),
         n_images,
     )
+    farthest = np.full(n_images, np.inf)
+    np.fmin.at(farthest, witnesses.image, of_references)
+    lowest: FloatArray = np.where(np.isinf(farthest), median, np.maximum(median, farthest))
+    return lowest
