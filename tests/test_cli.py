@@ -9,7 +9,8 @@ import re
 import signal
 import subprocess
 import sys
-import time
+import threading
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -102,7 +103,7 @@ def test_exit_codes_are_documented(capsys):
     assert re.findall(r"^  (\d+) ", codes, re.MULTILINE) == ["0", "1", "2", "130", "141"]
 
 
-def test_every_format_that_help_names_can_be_read():
+def test_every_format_that_help_names_has_a_reader():
     from imgscale.cli._inputs import SINGLE, WHOLE  # noqa: PLC0415 - what only runs load
 
     assert sorted([*SINGLE, *WHOLE]) == sorted(FORMATS)
@@ -142,7 +143,13 @@ def test_help_loads_nothing_heavy(tmp_path):
         (["measure", "a.jpg", "--ground-plane", "--reference", "pole=1,0"], "--reference: must"),
         (["measure", "a.jpg", "--ground-plane", "--box", "1,2,3,4"], "--box: must be LABEL="),
         (["measure", "a.jpg", "--ground-plane", "--level", "90"], "--level: must be a probability"),
+        (["measure", "a.jpg", "--ground-plane", "--level", "0.9999999999999"], "a probability"),
         (["measure", "a.jpg", "--ground-plane", "--focal-px", "nan"], "--focal-px: must be"),
+        (["measure", "a.jpg", "--ground-plane", "--focal-px", "7_00"], "--focal-px: must be"),
+        (["measure", "a.jpg", "--ground-plane", "--focal-px", "1e-300"], "--focal-px: must be"),
+        (["measure", "a.jpg", "--ground-plane", "--box-std-px", "1e308"], "--box-std-px: must be"),
+        (["measure", "a.jpg", "--ground-plane", "--box-rel-std", "11"], "--box-rel-std: must be"),
+        (["measure", "a.jpg", "--ground-plane", "--horizon", "1e300"], "--horizon: must be"),
         (["measure", "a.jpg", "--ground-plane", "--min-score", "20"], "--min-score: must be"),
         (["measure", "a.jpg", "--depth", "d", "--kind", "disparity"], "--kind: invalid choice"),
         (["measure", "a.jpg", "--ground-plane", "--unit", "yd"], "--unit: invalid choice: 'yd'"),
@@ -191,11 +198,80 @@ def test_messages_name_options_and_not_python(tmp_path, capsys):
     assert unknown.endswith('Add sizes with --reference "LABEL=SIZE" or --priors FILE.')
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--ground-plane", "--box", "thing=1,2,30,40"],
+        ["--ground-plane", "--box", "door=930,309,1110,523"],
+        ["--one-distance", "--detections", "none.json", "--format", "transformers"],
+        ["--depth", "bad.png", "--kind", "metric", "--box", "door=1,2,30,40"],
+        ["--depth", "empty.npy", "--kind", "metric", "--box", "door=1,2,30,40"],
+    ],
+)
+@pytest.mark.parametrize("name", ["a.jpg", "deep.png", "broken.jpg"])
+def test_no_message_has_words_of_python(tmp_path, capsys, monkeypatch, words, name):
+    monkeypatch.chdir(tmp_path)
+    photo(tmp_path / "a.jpg")
+    Image.new("I;16", (640, 480)).save("deep.png")
+    Path("broken.jpg").write_bytes(b"no picture")
+    Path("none.json").write_text("[]")
+    Path("bad.png").write_bytes(b"\x89PNG\r\n\x1a\n no picture")
+    np.save("empty.npy", np.full((480, 640), np.nan))
+    assert main(["measure", name, *words]) == 1
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"imgscale: {name}: ")
+    assert not re.search(r"`\w+`|\(\)|codec|object at|_io|sys\.", line)
+
+
 def test_every_word_that_is_translated_is_still_in_the_library():
     source = Path(ims.__file__).parent
     texts = [p.read_text() for p in source.rglob("*.py") if p.parent.name != "cli"]
     whole = re.sub(r'"\s*f?"', "", "\n".join(texts))
     assert [words for words in OPTIONS if words not in whole] == []
+
+
+def test_warnings_are_one_line_each_too(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("PIL.Image.MAX_IMAGE_PIXELS", 640 * 480 - 1)
+    words = ["measure", str(photo(tmp_path / "a.jpg")), "--ground-plane", "--box", "door=1,2,3,9"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        shown = warnings.showwarning
+        assert main(words) == 0
+        assert warnings.showwarning is shown
+    lines = capsys.readouterr().err.splitlines()
+    assert lines
+    assert all(line.startswith("imgscale: warning: Image size") for line in lines)
+
+
+@pytest.mark.skipif(not HAS_TERMINATION, reason="a shell of POSIX")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+@pytest.mark.parametrize(("command", "code"), [("priors --csv", 0), ("priors xyzzy", 1)])
+def test_closed_streams_are_no_error(tmp_path, closed, command, code):
+    line = f'"{sys.executable}" -m imgscale {command} {closed}'
+    done = subprocess.run(
+        ["/bin/sh", "-c", line], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == code
+    assert "Traceback" not in done.stderr
+    assert done.stdout == "" or ("2>&-" in closed and code == 0)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"{", b"\xff\xfe\xfa", b"[" * 100_000, b"[" + b"1" * 5000 + b"]", b"[1]", b'{"images": 1}'],
+    ids=["broken", "bytes", "deep", "long", "list", "member"],
+)
+@pytest.mark.parametrize("form", ["coco", "megadetector", "rekognition", "transformers"])
+def test_files_that_cannot_be_read_are_told_without_words_of_python(
+    tmp_path, capsys, content, form
+):
+    (tmp_path / "found.json").write_bytes(content)
+    words = ["measure", str(photo(tmp_path / "a.jpg")), "--ground-plane", "--detections",
+             str(tmp_path / "found.json"), "--format", form]  # fmt: skip
+    assert main(words) in (1, 2)
+    [line] = capsys.readouterr().err.splitlines()
+    assert "found.json" in line
+    assert not re.search(r"codec|<.*object|_io|sys\.|recursion|Error", line)
 
 
 def test_what_steers_a_terminal_is_shown_and_not_sent(tmp_path, capsys):
@@ -309,13 +385,14 @@ def test_a_real_interrupt_ends_quietly_with_130(tmp_path):
         [sys.executable, "-m", "imgscale", *words],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+    limit = threading.Timer(60, started.kill)
+    limit.start()
     try:
-        deadline = time.monotonic() + 60
-        started.stderr.readline()  # the first photos have no detections, and are named
-        assert time.monotonic() < deadline
+        assert started.stderr.readline()  # the first photos have no detections, and are named
         started.send_signal(signal.SIGINT)
         _, error = started.communicate(timeout=60)
     finally:
+        limit.cancel()
         started.kill()
     assert started.returncode == 130
     assert "Traceback" not in error

@@ -3,7 +3,10 @@
 import csv
 import json
 import math
+import os
 import statistics
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -301,6 +304,13 @@ def test_every_broken_set_up_photo_is_named_and_no_model_written(tmp_path, capsy
     assert not (tmp_path / "m.json").exists()
 
 
+def test_of_set_up_photos_the_size_alone_is_read(tmp_path):
+    write_setup(tmp_path / "setup")
+    for path in (tmp_path / "setup").iterdir():
+        path.write_bytes(path.read_bytes()[:900])  # the header, and no whole pixels
+    assert main(calibrate_arguments(tmp_path, "--reference", "pole=1.0")) == 0
+
+
 def test_nothing_of_known_size_is_told(tmp_path, capsys):
     write_setup(tmp_path / "setup", label="thing of mine")
     error = error_of(capsys, *calibrate_arguments(tmp_path), code=1)
@@ -329,8 +339,9 @@ def test_a_photo_of_another_size_does_not_stop_the_others(trap, tmp_path, capsys
     ("content", "message"),
     [
         ("[]", "is none."),
-        ("{", "is none: Expecting property name"),
+        ("{", "must hold JSON; got: Expecting property name"),
         ("{}", "must have schema"),
+        ("[" * 100_000, "must hold JSON; got: "),
         (None, "No such file"),
     ],
 )
@@ -344,6 +355,44 @@ def test_what_is_no_model_is_refused(trap, tmp_path, capsys, content, message):
     )  # fmt: skip
     assert "--model must be a file of `imgscale calibrate`" in error
     assert message in error
+
+
+@pytest.mark.parametrize(
+    "error", [KeyError("k"), IndexError, OverflowError, RecursionError, AttributeError("x")]
+)
+def test_a_model_file_that_breaks_its_reader_is_refused(trap, monkeypatch, capsys, error):
+    def broken(_):
+        raise error
+
+    monkeypatch.setattr(ims.ScaleModel, "from_dict", broken)
+    told = error_of(
+        capsys, "measure", str(trap / "photos"), "--model", str(trap / "model.json"),
+        "--detections", str(trap / "photos.json"), "--format", "megadetector", code=2,
+    )  # fmt: skip
+    assert told.startswith(
+        f"imgscale: --model must be a file of `imgscale calibrate`; {trap / 'model.json'} is none"
+    )
+    assert told.count("\n") == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
+@pytest.mark.parametrize("command", ["calibrate", "demo"])
+def test_a_reader_that_goes_away_does_not_cost_the_file(tmp_path, command):
+    if command == "demo":
+        pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+        words, out = ["demo", "--out", str(tmp_path / "demo.png")], tmp_path / "demo.png"
+    else:
+        write_setup(tmp_path / "setup")
+        words, out = calibrate_arguments(tmp_path, "--reference", "pole=1"), tmp_path / "m.json"
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as gone:
+        done = subprocess.run(
+            [sys.executable, "-m", "imgscale", *words],
+            stdout=gone, stderr=subprocess.PIPE, text=True, check=False, timeout=120,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (141, "")
+    assert out.stat().st_size
 
 
 def test_a_model_of_a_depth_map_is_refused(trap, tmp_path, capsys):

@@ -334,22 +334,97 @@ def test_files_are_found_by_the_longest_end_of_the_path(tmp_path):
     assert [record["objects"][0]["x1"] for record in json.loads(out.read_text())] == [100, 320]
 
 
-@pytest.mark.parametrize("form", ["coco", "transformers"])
-def test_an_entry_that_would_serve_two_photos_serves_the_first_alone(tmp_path, capsys, form):
-    for card in "12":
-        photo(tmp_path / "in" / card / "a.jpg")
+@pytest.mark.parametrize("form", ["coco", "megadetector", "transformers"])
+def test_an_entry_that_would_serve_several_photos_serves_none(tmp_path, capsys, form):
+    names = ["1/a.jpg", "2/a.jpg", "a.jpg"]
+    for name in [*names, "b.jpg"]:
+        photo(tmp_path / "in" / name)
     found = tmp_path / FORMATS[form](tmp_path)[0]
-    source = found if form == "coco" else tmp_path
+    if form == "transformers":
+        (tmp_path / "b.json").write_text(found.read_text())
+    else:
+        data = json.loads(found.read_text())
+        key = "file_name" if form == "coco" else "file"
+        data["images"].append(data["images"][0] | {"id": 1, key: "b.jpg"})
+        data["annotations"] = [
+            entry | {"image_id": i} for i in (0, 1) for entry in data.get("annotations", [])
+        ]
+        found.write_text(json.dumps(data))
+    source = tmp_path if form == "transformers" else found
     code = main(
         ["measure", str(tmp_path / "in"), "--ground-plane", "--detections", str(source),
          "--format", form]
     )  # fmt: skip
     captured = capsys.readouterr()
     assert code == 1
-    [line] = captured.err.splitlines()
-    assert "would serve" in line
-    assert str(tmp_path / "in" / "2" / "a.jpg") in line
-    assert captured.out.count("a.jpg") == 1
+    lines = captured.err.splitlines()
+    assert len(lines) == 3
+    for line, name in zip(lines, names, strict=True):
+        itself, others = line.split("would serve ")
+        assert itself.startswith(f"imgscale: {tmp_path / 'in' / name}: ")
+        assert others.split(" too;")[0] in {str(tmp_path / "in" / n) for n in names if n != name}
+    assert captured.out.startswith(f"{tmp_path / 'in' / 'b.jpg'}\n")
+    assert captured.out.count(".jpg") == 1
+
+
+def test_boxes_of_megadetector_take_the_size_of_their_own_photo(tmp_path, capsys):
+    photo(tmp_path / "in" / "a" / "1.jpg")
+    photo(tmp_path / "in" / "b" / "1.jpg", (2 * WIDTH, 2 * HEIGHT))
+    as_megadetector(tmp_path)
+    data = json.loads((tmp_path / "found.json").read_text())
+    [entry] = data["images"]
+    words = ["measure", str(tmp_path / "in"), "--ground-plane", "--detections",
+             str(tmp_path / "found.json"), "--format", "megadetector",
+             "--out", str(tmp_path / "out.json")]  # fmt: skip
+    for longer in "ab":  # which leaves the shorter name to the other photo
+        data["images"] = [entry | {"file": "1.jpg"}, entry | {"file": f".\\{longer}\\1.jpg"}]
+        (tmp_path / "found.json").write_text(json.dumps(data))
+        assert main(words) == 0
+        for record, factor in zip(
+            json.loads((tmp_path / "out.json").read_text()), (1, 2), strict=True
+        ):
+            door = record["objects"][0]
+            corners = [door[name] / factor for name in ("x1", "y1", "x2", "y2")]
+            assert corners == pytest.approx(BOXES["door"])
+    data["images"] = [entry | {"file": "1.jpg"}]
+    (tmp_path / "found.json").write_text(json.dumps(data))
+    assert main(words) == 2
+    assert "would serve" in capsys.readouterr().err
+
+
+def test_a_photo_that_megadetector_could_not_read_is_told_so(tmp_path, capsys):
+    photo(tmp_path / "in" / "a.jpg")
+    photo(tmp_path / "in" / "b.jpg")
+    as_megadetector(tmp_path)
+    data = json.loads((tmp_path / "found.json").read_text())
+    data["images"].append({"file": "b.jpg", "failure": "Failure image access"})
+    (tmp_path / "found.json").write_text(json.dumps(data))
+    code = main(
+        ["measure", str(tmp_path / "in"), "--ground-plane", "--detections",
+         str(tmp_path / "found.json"), "--format", "megadetector"]
+    )  # fmt: skip
+    assert code == 1
+    assert capsys.readouterr().err == (
+        f"imgscale: {tmp_path / 'in' / 'b.jpg'}: MegaDetector could not read it: "
+        "Failure image access.\n"
+    )
+
+
+def test_a_link_to_a_photo_goes_by_its_own_name(tmp_path, capsys):
+    photo(tmp_path / "store" / "ab12.jpg")
+    (tmp_path / "in").mkdir()
+    link = tmp_path / "in" / "a.jpg"
+    link.symlink_to(tmp_path / "store" / "ab12.jpg")
+    [found] = as_transformers(tmp_path)
+    (tmp_path / "labels").mkdir()
+    (tmp_path / found).rename(tmp_path / "labels" / found)
+    code = main(
+        ["measure", str(tmp_path / "in"), str(tmp_path / "in" / ".." / "in" / "a.jpg"),
+         "--ground-plane", "--detections", str(tmp_path / "labels"), "--format", "transformers"]
+    )  # fmt: skip
+    captured = capsys.readouterr()
+    assert (code, captured.err) == (0, "")
+    assert captured.out.count(str(link)) == 1
 
 
 @pytest.mark.parametrize("form", ["coco", "transformers"])
@@ -597,6 +672,24 @@ BOX = "a.jpg --box door=1,2,3,4"
         (f"{BOX} --ground-plane --horizon-std 2", "--horizon-std must come with --horizon"),
         (f"{BOX} --ground-plane --pitch-deg 2", "--pitch-deg must come with --focal-px"),
         (f"{BOX} --ground-plane --focal-rel-std 0", "--focal-rel-std must come with --focal-px"),
+        (f"{BOX} --ground-plane --focal-px 9 --pitch-std-deg 2", "must come with --pitch-deg"),
+        (
+            f"{BOX} --depth d.npy --kind relative --scale-rel-std 0.2",
+            "--scale-rel-std must go with --kind metric",
+        ),
+        (f"{BOX} --depth a.jpg --kind metric", "--depth must end in .npy or"),
+        (
+            f"{BOX} --ground-plane --method mean_ratio",
+            "must be posterior or robust with --ground-plane; got mean_ratio",
+        ),
+        (
+            f"{BOX} --depth d.npy --kind affine_inverse --method least_squares",
+            "must be posterior or robust with --kind affine_inverse; got least_squares",
+        ),
+        (
+            f"{BOX} --one-distance --focal-px 900 --pitch-deg 2 --method mean_ratio",
+            "must be posterior or robust with --pitch-deg; got mean_ratio",
+        ),
         (f"{BOX} --ground-plane --masks", "must go with --format coco or yolo; got None"),
         (f"{BOX} --ground-plane --reference door=2 --reference Door=2.1", 'name "door" once'),
         (f"{BOX} --ground-plane --reference gate=2", 'reference "gate" must be something that'),
@@ -627,14 +720,23 @@ def test_options_that_do_not_go_together_are_told_in_one_line(
     assert message in line
 
 
-@pytest.mark.parametrize("name", ["data.yaml", "names.txt"])
-def test_class_names_of_another_form_are_refused(tmp_path, capsys, name):
+@pytest.mark.parametrize(
+    "text",
+    [
+        "door\n\ncrate\n", "{0: door}\n", "names:\n  0: door\n  1: crate\n", "0: door\n1: crate\n",
+        "- door\n- crate\n", '["door", "crate"]\n', "d\xf6or\ncrate",
+    ],
+)  # fmt: skip
+def test_class_names_of_another_form_are_refused(tmp_path, capsys, text):
+    name = "names.txt"
     photo(tmp_path / "a.jpg")
     found, *_ = as_yolo(tmp_path)
-    (tmp_path / name).write_text("door\n\ncrate\n")
+    (tmp_path / name).write_text(text, encoding="latin-1")
     code = main(
         ["measure", str(tmp_path / "a.jpg"), "--ground-plane", "--detections",
          str(tmp_path / found), "--format", "yolo", "--class-names", str(tmp_path / name)]
     )  # fmt: skip
     assert code == 2
-    assert "a name a line" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert "a name a line" in error
+    assert "codec" not in error

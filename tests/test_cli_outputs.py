@@ -113,7 +113,10 @@ def test_what_is_not_known_is_an_empty_cell(tmp_path):
     assert "NaN" not in outs[1].read_text()
 
 
-@pytest.mark.parametrize("label", ["=1+1", "+1", "-x", "@sum", "=cmd|' /C calc'!A0"])
+@pytest.mark.parametrize(
+    "label",
+    ["=1+1", "+1", "-x", "@sum", "=cmd|' /C calc'!A0", "\uff1d1", "\uff0b1", "\uff0dx", "\uff20s"],
+)
 def test_a_label_never_becomes_a_formula(tmp_path, label):
     out = tmp_path / "sizes.csv"
     words = measure_arguments(photo(tmp_path / "a.jpg"), "door", label)
@@ -245,17 +248,88 @@ def test_a_result_takes_the_place_of_an_old_one_when_it_is_whole(tmp_path, monke
     assert len(read_csv(out)) == 2
 
 
-def test_a_writer_that_fails_leaves_nothing_half_done(tmp_path, monkeypatch, capsys):
-    def broken(*_, **__):
-        msg = "disk full"
-        raise OSError(28, msg, "sizes.json")
+def test_a_full_disk_leaves_nothing_half_done(tmp_path, monkeypatch, capsys):
+    def full(*_):
+        msg = "No space left on device"
+        raise OSError(28, msg)
 
     words = measure_arguments(photo(tmp_path / "a.jpg"))
-    monkeypatch.setattr("imgscale.cli._outputs.json.dumps", broken)
+    monkeypatch.setattr("imgscale.cli._outputs.JsonWriter._put", full)
     outs = ["--out", str(tmp_path / "sizes.json"), "--out", str(tmp_path / "sizes.csv")]
     assert main([*words, *outs]) == 1
-    assert capsys.readouterr().err == "imgscale: sizes.json: disk full\n"
+    error = f"imgscale: {tmp_path / 'sizes.json'}: No space left on device\n"
+    assert capsys.readouterr().err == error
     assert [path.name for path in tmp_path.iterdir()] == ["a.jpg"]
+
+
+def test_what_cannot_be_written_of_one_photo_costs_that_photo_alone(tmp_path, monkeypatch, capsys):
+    real = ims.Measurement.to_dict
+
+    def broken(measurement):
+        if measurement.name.endswith("b.jpg"):
+            raise ZeroDivisionError
+        return real(measurement)
+
+    words = several(tmp_path, ["a.jpg", "b.jpg", "c.jpg"])
+    monkeypatch.setattr(ims.Measurement, "to_dict", broken)
+    for name in ("s.csv", "s.json"):
+        words += ["--out", str(tmp_path / name)]
+    assert main(words) == 1
+    error = f"imgscale: {tmp_path / 'in' / 'b.jpg'}: ZeroDivisionError\n"
+    assert capsys.readouterr().err == error
+    in_csv = [row["photo"] for row in read_csv(tmp_path / "s.csv")]
+    in_json = [record["name"] for record in json.loads((tmp_path / "s.json").read_text())]
+    assert in_csv == in_json == [str(tmp_path / "in" / name) for name in ("a.jpg", "c.jpg")]
+
+
+@pytest.mark.parametrize(("error", "code"), [(KeyboardInterrupt, 130), (ZeroDivisionError, 1)])
+def test_a_page_that_comes_to_nothing_does_not_cost_the_others(
+    tmp_path, monkeypatch, capsys, error, code
+):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+
+    def broken(*_, **__):
+        raise error
+
+    monkeypatch.setattr("imgscale.report.html_page", broken)
+    words = measure_arguments(photo(tmp_path / "a.jpg"))
+    for name in ("s.html", "s.csv", "s.json"):
+        words += ["--out", str(tmp_path / name)]
+    assert main(words) == code
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.jpg", "s.csv", "s.json"]
+    assert capsys.readouterr().err.count("imgscale: ") == (error is ZeroDivisionError)
+
+
+# a byte that is no UTF-8, as Python hands such names on
+@pytest.mark.skipif(sys.platform != "linux", reason="file names of any bytes")
+@pytest.mark.parametrize("out", ["s.csv", "s.json", "s.html", "s.png", None])
+def test_names_that_are_no_text_are_written_as_escapes(tmp_path, capsys, out):
+    if out in ("s.html", "s.png"):
+        pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    words = measure_arguments(photo(tmp_path / "a\udcff.jpg"), "door", "crate\ud800")
+    more = [] if out is None else ["--out", str(tmp_path / out)]
+    assert main([*words, *more]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    text = (tmp_path / out).read_bytes() if out else captured.out.encode()
+    if out != "s.png":
+        assert b"a\\udcff.jpg" in text
+        assert b"crate\\ud800" in text
+
+
+def test_a_result_through_a_link_goes_where_that_leads(tmp_path):
+    (tmp_path / "far").mkdir()
+    link = tmp_path / "sizes.csv"
+    link.symlink_to(tmp_path / "far" / "there.csv")
+    assert main([*measure_arguments(photo(tmp_path / "a.jpg")), "--out", str(link)]) == 0
+    assert link.is_symlink()
+    assert len(read_csv(tmp_path / "far" / "there.csv")) == 2
+
+
+def test_a_picture_does_not_go_beside_the_only_photo_of_a_folder(tmp_path, capsys):
+    words = several(tmp_path, ["a.jpg"])
+    assert main([*words, "--out", str(tmp_path / "in" / "sizes.png")]) == 2
+    assert "whose photos are measured" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("out", ["a.png", "a.html"])

@@ -22,7 +22,7 @@ from imgscale.cli._messages import (
     shown,
 )
 from imgscale.cli._outputs import check_is_no_input, check_out, write_text
-from imgscale.cli._photos import find_photos
+from imgscale.cli._photos import find_photos, read_header
 from imgscale.cli._sources import CameraOf, Known, camera_source, known_sizes, on_ground
 from imgscale.cli._tables import noted_table, scale_text
 from imgscale.depth import GroundPlane
@@ -33,7 +33,6 @@ from imgscale.fitting import fit
 from imgscale.flags import Flag
 from imgscale.model import ScaleModel
 from imgscale.object_prior import normal_label
-from imgscale.picture import upright_rgb
 from imgscale.validation import leave_one_out
 
 # EXIF focal lengths are whole millimetres: more than that is another lens or zoom.
@@ -79,9 +78,10 @@ def run(options: Any) -> int:
         model = _fit(setup, known)
     except (FitError, ValueError) as error:
         raise FailedError(in_words(error)) from error
-    print(_found(model, setup, known))
+    text = _found(model, setup, known)
+    # before the text: whoever reads that may have gone
     write_text(options.out, json.dumps(model.to_dict(), allow_nan=False) + "\n")
-    print(f"\nwrote {shown(str(options.out))}")
+    print(f"{text}\n\nwrote {shown(str(options.out))}")
     return OK
 
 
@@ -92,8 +92,7 @@ def _gather(options: Any, photos: Sequence[Path], source: DetectionSource) -> _S
     found: dict[Path, list[Detection]] = {}
     for photo in photos:
         try:
-            image = upright_rgb(photo)
-            sizes[photo] = (image.shape[1], image.shape[0])
+            sizes[photo] = read_header(photo).size
             found[photo] = [one for one in source(photo) if _counts(one, wanted)]
         except Exception as error:  # noqa: BLE001 - whatever one photo raises
             complain(f"{photo}: {in_words(error)}")

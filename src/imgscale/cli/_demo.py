@@ -12,6 +12,7 @@ from imgscale.cli._outputs import PageWriter, PictureWriter, Result, Style, Writ
 from imgscale.datasets import motorcycle
 from imgscale.estimate import SizeEstimate
 from imgscale.flags import Flag
+from imgscale.measurement import Measurement
 from imgscale.pipeline import measure
 
 _STYLE = Style("m", 0.9)
@@ -30,22 +31,29 @@ def run(options: Any) -> int:
         camera=scene.camera,
         noise=scene.noise,
     )
+    try:  # before the text, whose reader may have gone; the text needs no matplotlib
+        writer = _writer(options.out)
+        writer.prepare(Result(_NAME, found, scene.image))()
+        writer.finish()
+    finally:
+        _tell(found)
+    print(f"\nwrote {options.out}")
+    return OK
+
+
+def _tell(found: Measurement) -> None:
+    """Print what was found, and what it is to be compared with."""
     print(found.model)
     print(f"The published baseline is {motorcycle.PUBLISHED_BASELINE_M:.3f} m: sizes from it would")
     too_small = found.model.k / motorcycle.PUBLISHED_BASELINE_M
     print(f"be {too_small:.2f} times too small.\n")
     print(sizes_table(found.estimates))
-    writer = _writer(options.out)
-    writer.add(Result(_NAME, found, scene.image))
-    writer.finish()
-    print(f"\nwrote {options.out}")
-    return OK
 
 
 def _writer(out: Path) -> Writer:
     if out.suffix.lower() == ".html":
         return PageWriter(out, _STYLE, "The demo of imgscale")
-    return PictureWriter({_NAME: out}, _STYLE)
+    return PictureWriter(out, {_NAME: out}, _STYLE)
 
 
 def sizes_table(sizes: Sequence[SizeEstimate]) -> str:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any, NamedTuple, TypeAlias
 from xml.etree import ElementTree as ET
 
 from imgscale._checks import within
 from imgscale._typing import ImageSize
 from imgscale.cli._messages import WrongUsageError, in_words
-from imgscale.cli._photos import by_name, by_stem, ends_of, read_header
+from imgscale.cli._photos import by_name, by_stem, read_header
 from imgscale.detection import Detection
 from imgscale.detectors import (
     from_megadetector,
@@ -26,6 +27,10 @@ from imgscale.object_prior import normal_label
 
 DetectionSource: TypeAlias = Callable[[Path], list[Detection]]
 """Gives the detections of a photo."""
+
+
+# What lines of YAML and JSON begin or end with: "0: door", "names:", "{0: door}", "- door".
+_OTHER_FORM = re.compile(r"[\[{]|-\s|\d+\s*:|.*:$")
 
 
 class _Asked(NamedTuple):
@@ -83,12 +88,13 @@ def _class_names(path: Path) -> list[str]:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"--class-names must be a text file in UTF-8, a name a line; got {in_words(error)}"
+        why = in_words(error) if isinstance(error, OSError) else f"{path}, which is not UTF-8."
+        msg = f"--class-names must be a text file in UTF-8, a name a line; got {why}"
         raise WrongUsageError(msg) from error
     names = [line.strip() for line in lines]
     while names and not names[-1]:
         names.pop()
-    if not all(names) or path.suffix.lower() in {".yaml", ".yml", ".json"}:
+    if not all(names) or any(map(_OTHER_FORM.match, names)):
         msg = f"--class-names must hold a name a line, in the order of their numbers; got {path}."
         raise WrongUsageError(msg)
     return names
@@ -119,23 +125,40 @@ def _coco(options: Any, photos: Sequence[Path]) -> DetectionSource:
 def _megadetector(options: Any, photos: Sequence[Path]) -> DetectionSource:
     data = read_json(options.detections)
     with within(options.detections):
-        entries, sizes = _of_photos(members(as_table("results", data), "images"), photos)
-        named = from_megadetector({**data, "images": entries}, image_sizes=sizes)
-    found = by_name("--detections", options.detections, photos, named)
-    return lambda photo: found[photo]
+        entries = members(as_table("results", data), "images")
+        files = [_file_of(index, entry) for index, entry in enumerate(entries)]
+        found = by_name(
+            "--detections", options.detections, photos, dict(zip(files, files, strict=True))
+        )
+        images, sizes = _of_photos(entries, files, {file: photo for photo, file in found.items()})
+        named = from_megadetector({**data, "images": images}, image_sizes=sizes)
+    failures = {f: e["failure"] for f, e in zip(files, images, strict=True) if f not in named}
+
+    def read(photo: Path) -> list[Detection]:
+        file = found[photo]
+        if file in failures:
+            msg = f"MegaDetector could not read it: {failures[file]}."
+            raise LookupError(msg)
+        return named[file]
+
+    return read
+
+
+def _file_of(index: int, entry: Any) -> str:
+    """Take the name of an entry, as `from_megadetector` writes it."""
+    with within(f"images[{index}]"):
+        return PureWindowsPath(str(identity(entry, "file"))).as_posix()
 
 
 def _of_photos(
-    entries: Sequence[Any], photos: Sequence[Path]
+    entries: Sequence[Any], files: Sequence[str], photos: Mapping[str, Path]
 ) -> tuple[list[Any], dict[str, ImageSize]]:
     """Empty the entries of other photos, and read the sizes that the results do not tell."""
-    wanted = {end: photo for photo in photos for end in ends_of(photo)}
     images: list[Any] = []
     sizes: dict[str, ImageSize] = {}
-    for index, entry in enumerate(entries):
+    for index, (entry, file) in enumerate(zip(entries, files, strict=True)):
+        photo = photos.get(file)
         with within(f"images[{index}]"):
-            file = str(identity(entry, "file")).replace("\\", "/")
-            photo = wanted.get(file)
             if photo and entry.get("detections") and not told_size(entry):
                 try:
                     sizes[file] = _size_as_seen(photo)

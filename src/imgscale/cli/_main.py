@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any, cast
 
 from imgscale.cli._messages import (
@@ -14,7 +16,6 @@ from imgscale.cli._messages import (
     FAILED,
     INTERRUPTED,
     WRONG_USAGE,
-    FailedError,
     WrongUsageError,
     complain,
     in_words,
@@ -37,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         Exit code: 0 where all went well; 1 where something could not be done, a photo be measured
-        or a label be found; 2 where the command or a file that it names is wrong and nothing was
+        or a label be found; 2 where the command or a file for all photos is wrong and nothing was
         begun; 130 after Ctrl-C; 141 where the reader of the output has gone.
 
     Raises
@@ -56,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     row 1: leaf of an interior or front door; ...
     0
     """
+    _open_closed()
     _show_any_text()
     try:
         options = parse(arguments)
@@ -70,8 +72,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(command: str, options: Any) -> int:
     """Run one command; its module is imported here."""
     try:
-        module: Any = import_module(f"imgscale.cli._{command}")
-        return cast("int", module.run(options))
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            module: Any = import_module(f"imgscale.cli._{command}")
+            return cast("int", module.run(options))
     except BrokenPipeError:
         raise
     except KeyboardInterrupt:
@@ -79,12 +83,22 @@ def _run(command: str, options: Any) -> int:
     except WrongUsageError as error:
         complain(in_words(error))
         return WRONG_USAGE
-    except FailedError as error:
-        complain(in_words(error))
-        return FAILED
     except Exception as error:  # noqa: BLE001 - whatever it is, a script gets a line and a code
         complain(in_words(error))
         return FAILED
+
+
+def _open_closed() -> None:
+    """Let what is told where nobody listens (``>&-``) go to nowhere."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            nowhere = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - to the end
+            setattr(sys, name, nowhere)
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Tell a warning in one line, without the place in somebody's source."""
+    complain(f"warning: {message}")
 
 
 def _show_any_text() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from importlib import import_module
 from importlib.util import find_spec
@@ -30,6 +29,7 @@ from imgscale.cli._outputs import (
     JsonWriter,
     PageWriter,
     PictureWriter,
+    Put,
     Result,
     Style,
     Writer,
@@ -42,6 +42,7 @@ from imgscale.cli._parser import measure_defaults
 from imgscale.cli._photos import find_photos
 from imgscale.cli._sources import camera_source, depth_source, known_sizes
 from imgscale.cli._tables import scale_text, sizes_table
+from imgscale.detectors._files import read_json
 from imgscale.measurement import Measurement
 from imgscale.model import ScaleModel
 from imgscale.picture import upright_rgb
@@ -67,11 +68,13 @@ def run(options: Any) -> int:
     pictures = _check_outs(options, photos)
     detections = detection_source(options, photos)
     measure_one = _with_model(options, detections) or _with_fit(options, photos, detections)
-    show = None if options.out else _Printer(style, same_scale=options.model is not None)
     with Writers() as files:
+        if not options.out:
+            files.take(_Printer(style, same_scale=options.model is not None))
         for out in options.out:
             files.take(_writer(out, style, pictures))
-        return _run_all(photos, measure_one, files, show)
+        has_bar = options.out and len(photos) > 1
+        return _run_all(_with_progress(photos) if has_bar else photos, measure_one, files)
 
 
 def _check(options: Any) -> None:
@@ -81,6 +84,7 @@ def _check(options: Any) -> None:
         _options.check_defaults(options, measure_defaults(), _OF_THE_MODEL, why)
     _options.check_references(options)
     _options.check_depth(options)
+    _options.check_method(options)
     _options.check_camera(options, on_ground=options.ground_plane)
 
 
@@ -117,7 +121,7 @@ def _files_of(paths: Iterable[Path], stems: Container[str]) -> Iterator[Path]:
 def _writer(out: Path, style: Style, pictures: dict[Path, dict[Path, Path]]) -> Writer:
     ending = out.suffix.lower()
     if ending == ".png":
-        return PictureWriter(pictures[out], style)
+        return PictureWriter(out, pictures[out], style)
     kinds: dict[str, Callable[[Path, Style], Writer]]
     kinds = {".csv": CsvWriter, ".json": JsonWriter, ".html": PageWriter}
     return kinds[ending](out, style)
@@ -188,43 +192,39 @@ def read_model(path: Path) -> ScaleModel:
     """Read a model file."""
     law = "--model must be a file of `imgscale calibrate`"
     try:
-        record: Any = json.loads(path.read_bytes())
-        if isinstance(record, dict):
-            return ScaleModel.from_dict(cast("dict[str, Any]", record))
-    except OSError as error:
+        record = read_json(path)
+    except (OSError, ValueError) as error:
         msg = f"{law}: {in_words(error)}"
         raise WrongUsageError(msg) from error
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    if not isinstance(record, dict):
+        msg = f"{law}; {path} is none."
+        raise WrongUsageError(msg)
+    try:
+        return ScaleModel.from_dict(cast("dict[str, Any]", record))
+    except Exception as error:  # whatever a broken record leads to
         msg = f"{law}; {path} is none: {in_words(error)}"
         raise WrongUsageError(msg) from error
-    msg = f"{law}; {path} is none."
-    raise WrongUsageError(msg)
 
 
 # --- all of them ---
 
 
-def _run_all(
-    photos: Sequence[Path], measure_one: Measure, files: Writers, show: _Printer | None
-) -> int:
+def _run_all(photos: Iterable[Path], measure_one: Measure, files: Writers) -> int:
     """Go through the photos; one that fails is named, and the next follows."""
     code = OK
     try:
-        for photo in photos if show or len(photos) == 1 else _with_progress(photos):
+        for photo in photos:
             try:
                 image = upright_rgb(photo)
-                result = Result(photo, measure_one(photo, image), image)
+                put = files.prepare(Result(photo, measure_one(photo, image), image))
             except Exception as error:  # noqa: BLE001 - whatever one photo raises
                 complain(_about(photo, error))
                 code = FAILED
                 continue
-            files.add(result)
-            if show:
-                show(result)
+            put()
     except KeyboardInterrupt:
         code = INTERRUPTED
-    files.finish()
-    return code
+    return code if files.finish() or code == INTERRUPTED else FAILED
 
 
 def _about(photo: Path, error: Exception) -> str:
@@ -243,14 +243,16 @@ def _with_progress(photos: Sequence[Path]) -> Iterable[Path]:
 
 
 class _Printer:
-    """Prints results as they come."""
+    """Prints results as they come, in the place of a file."""
+
+    out = Path("standard output")
 
     def __init__(self, style: Style, *, same_scale: bool) -> None:
         self._style = style
         self._same_scale = same_scale
         self._is_first = True
 
-    def __call__(self, result: Result) -> None:
+    def prepare(self, result: Result) -> Put:
         measurement = result.measurement
         scale = scale_text(measurement.model)
         lines = [] if self._is_first else [""]
@@ -260,5 +262,14 @@ class _Printer:
         lines += [] if self._same_scale else [scale]
         has_objects = bool(measurement.estimates)
         lines.append(sizes_table(measurement.estimates, self._style) if has_objects else "nothing")
-        print("\n".join(lines), flush=True)
+        return lambda: self._put("\n".join(lines))
+
+    def _put(self, text: str) -> None:
+        print(text, flush=True)
         self._is_first = False
+
+    def finish(self) -> None:
+        """All is told already."""
+
+    def drop(self) -> None:
+        """Nothing is left half done."""

@@ -20,6 +20,10 @@ OPTIONS = {
     ),
     "one_based=False": "--zero-based",
     "polygons=True": "--masks",
+    "`detections` must hold": "--detections or --box must hold",
+    "`image` must": "the photo must",
+    "`values` must": "a depth map must",
+    "`xyxy` must": "a box must",
     "`camera.pitch_deg` must": "--pitch-deg must",
     "`class_names`": "--class-names",
     "`key` must": "--depth-key must",
@@ -27,6 +31,7 @@ OPTIONS = {
     "`scale` must": "--scale must",
     "`use_prior` must": "--use-prior must",
 }
+_OPEN_FILE = re.compile(r"<_io\.\w+ name=('[^']*')>")
 _WORDS = re.compile("|".join(map(re.escape, OPTIONS)))
 
 
@@ -42,7 +47,7 @@ def in_words(error: BaseException) -> str:
     """Tell an error in one line."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return shown(f"{error.filename}: {error.strerror}")
-    text = _WORDS.sub(lambda found: OPTIONS[found[0]], str(error))
+    text = _WORDS.sub(lambda found: OPTIONS[found[0]], _OPEN_FILE.sub(r"\1", str(error)))
     expected = (ImgscaleError, ValueError, TypeError, OSError, LookupError, WrongUsageError)
     if isinstance(error, KeyError) or not isinstance(error, (*expected, FailedError)) or not text:
         text = ": ".join(filter(None, (type(error).__name__, text)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, get_args
@@ -21,14 +22,15 @@ FORMATS = (
 )
 
 
+# Without what Python reads besides: 7_00, digits of other scripts, nan.
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+
+
 def number(law: str, is_lawful: Callable[[float], bool]) -> Callable[[str], float]:
     """Make a reader of numbers for argparse."""
 
     def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
+        value = float(text) if _NUMBER.fullmatch(text) else math.nan
         if not (math.isfinite(value) and is_lawful(value)):
             msg = f"must be {law}; got {text!r}"
             raise argparse.ArgumentTypeError(msg)
@@ -37,11 +39,14 @@ def number(law: str, is_lawful: Callable[[float], bool]) -> Callable[[str], floa
     return read
 
 
-ANY = number("a finite number", lambda _: True)
-POSITIVE = number("a finite number above 0", lambda value: value > 0)
-NOT_NEGATIVE = number("a finite number, 0 or above", lambda value: value >= 0)
+# The ends are far beyond what cameras and scenes have; further out, sums would overflow.
+POSITIVE = number("a number from 1e-6 to 1e10", lambda value: 1e-6 <= value <= 1e10)
+FOCAL = number("a number of pixels from 1 to 1e7", lambda value: 1 <= value <= 1e7)
+ROW = number("a row from -1e6 to 1e6", lambda value: abs(value) <= 1e6)
+ERROR = number("a number from 0 to 1e6", lambda value: 0 <= value <= 1e6)
+REL_ERROR = number("a share from 0 to 10, as 0.02", lambda value: 0 <= value <= 10)
 SHARE = number("a number from 0 to 1", lambda value: 0 <= value <= 1)
-LEVEL = number("a probability above 0 and below 1, as 0.9", lambda value: 0 < value < 1)
+LEVEL = number("a probability from 0.000001 to 0.999999", lambda p: 1e-6 <= p <= 1 - 1e-6)
 TILT = number("an angle above -90 and below 90", lambda value: abs(value) < 90)
 
 
@@ -128,7 +133,7 @@ def add_depth(parser: argparse.ArgumentParser) -> None:
         "--depth-key", metavar="NAME", help="name of the array in an .npz file of several"
     )
     group.add_argument(
-        "--scale-rel-std", type=NOT_NEGATIVE, metavar="SHARE",
+        "--scale-rel-std", type=REL_ERROR, metavar="SHARE",
         help="metric: error of the map's scale as a whole; networks 0.15 (default 0: LiDAR)",
     )  # fmt: skip
 
@@ -137,12 +142,12 @@ def add_camera(parser: argparse.ArgumentParser, when: str) -> None:
     """Add what is known of the camera."""
     group = parser.add_argument_group("what is known of the camera")
     group.add_argument(
-        "--focal-px", type=POSITIVE, metavar="PX",
+        "--focal-px", type=FOCAL, metavar="PX",
         help="focal length, in pixels of the photos (default: by each photo's EXIF record, where "
         "it has one; distances need it)",
     )  # fmt: skip
     group.add_argument(
-        "--focal-rel-std", type=NOT_NEGATIVE, metavar="SHARE",
+        "--focal-rel-std", type=REL_ERROR, metavar="SHARE",
         help="its error (default 0.02; 0 for a calibration; by EXIF it is 0.04)",
     )  # fmt: skip
     group.add_argument("--no-exif", action="store_true", help="leave the EXIF focal length alone")
@@ -151,22 +156,22 @@ def add_camera(parser: argparse.ArgumentParser, when: str) -> None:
         help="tilt of the camera, downwards positive; needs --focal-px",
     )  # fmt: skip
     group.add_argument(
-        "--pitch-std-deg", type=NOT_NEGATIVE, metavar="DEGREES", help="its error (default 0)"
+        "--pitch-std-deg", type=ERROR, metavar="DEGREES", help="its error (default 0)"
     )
     group.add_argument(
         "--camera-height", type=POSITIVE, metavar="METRES",
         help=f"{when}height of the lens above the ground",
     )  # fmt: skip
     group.add_argument(
-        "--camera-height-std", type=NOT_NEGATIVE, metavar="METRES",
+        "--camera-height-std", type=ERROR, metavar="METRES",
         help="its error (default 2 %% of it)",
     )  # fmt: skip
     group.add_argument(
-        "--horizon", type=ANY, metavar="ROW",
+        "--horizon", type=ROW, metavar="ROW",
         help=f"{when}row of the horizon, in pixels from the top; it may lie outside",
     )  # fmt: skip
     group.add_argument(
-        "--horizon-std", type=NOT_NEGATIVE, metavar="PX",
+        "--horizon-std", type=ERROR, metavar="PX",
         help="its error (default 0.5 %% of the longer side)",
     )  # fmt: skip
 
@@ -195,15 +200,15 @@ def add_errors(parser: argparse.ArgumentParser) -> Any:
     """Add how well boxes and depths are known."""
     errors = parser.add_argument_group("how it is computed")
     errors.add_argument(
-        "--box-std-px", type=NOT_NEGATIVE, default=1.0, metavar="PX",
+        "--box-std-px", type=ERROR, default=1.0, metavar="PX",
         help="error of a box's height (default 1: drawn by hand; detectors 2)",
     )  # fmt: skip
     errors.add_argument(
-        "--box-rel-std", type=NOT_NEGATIVE, default=0.0, metavar="SHARE",
+        "--box-rel-std", type=REL_ERROR, default=0.0, metavar="SHARE",
         help="what that error has besides of the height (default 0; detectors 0.05)",
     )  # fmt: skip
     errors.add_argument(
-        "--depth-rel-std", type=NOT_NEGATIVE, metavar="SHARE",
+        "--depth-rel-std", type=REL_ERROR, metavar="SHARE",
         help="error of one thing's depth, or of the ground's flatness (default: learned)",
     )  # fmt: skip
     return errors
@@ -285,12 +290,31 @@ def check_depth(options: Any) -> None:
     )
     for name in ("scale", "depth_key", "scale_rel_std"):
         _need(has_file or getattr(options, name) is None, f"{flag(name)} must go with --depth.")
+    _need(
+        options.scale_rel_std is None or options.kind == "metric",
+        "--scale-rel-std must go with --kind metric; the scale of other depth is found.",
+    )
+
+
+def check_method(options: Any) -> None:
+    """Raise unless the estimator can do what is asked of it."""
+    is_plain = options.method in {"mean_ratio", "least_squares"}
+    for has_more, what in (
+        (options.ground_plane, "--ground-plane"),
+        (options.kind == "affine_inverse", "--kind affine_inverse"),
+        (options.pitch_deg, "--pitch-deg"),
+    ):
+        _need(
+            not (is_plain and has_more),
+            f"--method must be posterior or robust with {what}; got {options.method}.",
+        )
 
 
 def check_camera(options: Any, *, on_ground: bool) -> None:
     """Raise unless what is told of the camera is of use."""
     for value, stds in (
-        ("focal_px", ("focal_rel_std", "pitch_deg", "pitch_std_deg")),
+        ("focal_px", ("focal_rel_std", "pitch_deg")),
+        ("pitch_deg", ("pitch_std_deg",)),
         ("camera_height", ("camera_height_std",)),
         ("horizon", ("horizon_std",)),
     ):

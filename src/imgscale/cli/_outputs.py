@@ -5,20 +5,22 @@ from __future__ import annotations
 import csv
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
+from io import BytesIO, StringIO
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TextIO, TypeAlias
 
 import attrs
 
 from imgscale._typing import ImageArray
-from imgscale.cli._messages import WrongUsageError
+from imgscale.cli._messages import WrongUsageError, complain, in_words
+from imgscale.cli._photos import full_path
 from imgscale.depth import GroundPlane
 from imgscale.measurement import Measurement
 
-_BEGIN_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_BEGIN_FORMULA = tuple("=+-@\t\r\uff1d\uff0b\uff0d\uff20")  # the last four are full-width
 
 
 class Result(NamedTuple):
@@ -82,8 +84,6 @@ def pictures_for(out: Path, photos: Sequence[Path], folders: Sequence[Path]) -> 
 
     A photo in a folder's subfolder has that in its name.
     """
-    if len(photos) == 1:
-        return {photos[0]: out}
     for folder in folders:
         if folder.is_dir() and folder.resolve() in (out.resolve(), *out.resolve().parents):
             msg = (
@@ -91,10 +91,12 @@ def pictures_for(out: Path, photos: Sequence[Path], folders: Sequence[Path]) -> 
                 "would be one of them next time."
             )
             raise WrongUsageError(msg)
-    common = Path(os.path.commonpath([photo.resolve().parent for photo in photos]))
+    if len(photos) == 1:
+        return {photos[0]: out}
+    common = Path(os.path.commonpath([full_path(photo).parent for photo in photos]))
     named: dict[Path, Path] = {}
     for photo in photos:
-        name = "_".join(photo.resolve().relative_to(common).with_suffix("").parts)
+        name = "_".join(full_path(photo).relative_to(common).with_suffix("").parts)
         picture = out.with_name(f"{out.stem}_{name}{out.suffix}")
         if picture in named.values():
             other = next(photo for photo, path in named.items() if path == picture)
@@ -107,12 +109,16 @@ def pictures_for(out: Path, photos: Sequence[Path], folders: Sequence[Path]) -> 
 # --- writing ---
 
 
+# Names of files and labels may hold what UTF-8 has no letters for.
+_TEXT: dict[str, Any] = {"encoding": "utf-8", "errors": "backslashreplace"}
+
+
 class PartFile:
-    """A file under another name, until it is whole."""
+    """A file under another name, until it is whole; a link stays, and what it leads to changes."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        self.path = path.resolve()
+        self.part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
 
     def put(self) -> None:
         """Give it its name."""
@@ -125,19 +131,32 @@ class PartFile:
 
 def write_text(path: Path, text: str) -> None:
     """Write a whole file, or none."""
+    _write(path, text.encode(**_TEXT))
+
+
+def _write(path: Path, content: bytes) -> None:
     file = PartFile(path)
     try:
-        file.part.write_text(text, encoding="utf-8")
+        file.part.write_bytes(content)
         file.put()
     finally:
         file.drop()
 
 
+Put: TypeAlias = Callable[[], object]
+"""Puts what is ready into its file."""
+
+
 class Writer(Protocol):
     """Takes results as they come."""
 
-    def add(self, result: Result) -> None:
-        """Take one more."""
+    @property
+    def out(self) -> Path:
+        """What is written, for messages."""
+        ...
+
+    def prepare(self, result: Result) -> Put:
+        """Make all of one more result; nothing is written before `Put` is called."""
         ...
 
     def finish(self) -> None:
@@ -153,17 +172,22 @@ class CsvWriter:
     """One row per object."""
 
     def __init__(self, out: Path, style: Style) -> None:
+        self.out = out
         self._style = style
         self._file = PartFile(out)
-        self._opened = self._file.part.open("w", encoding="utf-8", newline="")
-        self._rows = csv.DictWriter(self._opened, columns(style.unit), lineterminator="\n")
-        self._rows.writeheader()
+        self._opened = self._file.part.open("w", newline="", **_TEXT)
+        self._rows(self._opened).writeheader()
 
-    def add(self, result: Result) -> None:
-        table = result.measurement.table(unit=self._style.unit, level=self._style.level)
-        for row in table:
+    def prepare(self, result: Result) -> Put:
+        text = StringIO()
+        rows = self._rows(text)
+        for row in result.measurement.table(unit=self._style.unit, level=self._style.level):
             cells = {"photo": str(result.photo), **row}
-            self._rows.writerow({name: _cell(value) for name, value in cells.items()})
+            rows.writerow({name: _cell(value) for name, value in cells.items()})
+        return lambda: self._opened.write(text.getvalue())
+
+    def _rows(self, file: TextIO) -> csv.DictWriter[str]:
+        return csv.DictWriter(file, columns(self._style.unit), lineterminator="\n")
 
     def finish(self) -> None:
         self._opened.close()
@@ -193,16 +217,20 @@ class JsonWriter:
     """One array, a record per photo."""
 
     def __init__(self, out: Path, style: Style) -> None:
+        self.out = out
         self._style = style
         self._file = PartFile(out)
-        self._opened = self._file.part.open("w", encoding="utf-8")
+        self._opened = self._file.part.open("w", **_TEXT)
         self._opened.write("[")
         self._next = "\n"
 
-    def add(self, result: Result) -> None:
+    def prepare(self, result: Result) -> Put:
         unit, level = self._style
         objects = {"level": level, "objects": result.measurement.table(unit=unit, level=level)}
         text = json.dumps(result.measurement.to_dict() | objects, allow_nan=False)
+        return lambda: self._put(text)
+
+    def _put(self, text: str) -> None:
         self._opened.write(f"{self._next}{text}")
         self._next = ",\n"
 
@@ -219,11 +247,12 @@ class JsonWriter:
 class PictureWriter:
     """One picture per photo, there as soon as it is drawn."""
 
-    def __init__(self, pictures: Mapping[Path, Path], style: Style) -> None:
+    def __init__(self, out: Path, pictures: Mapping[Path, Path], style: Style) -> None:
+        self.out = out
         self._pictures = pictures
         self._style = style
 
-    def add(self, result: Result) -> None:
+    def prepare(self, result: Result) -> Put:
         from imgscale.plotting import draw_sizes  # noqa: PLC0415 - matplotlib takes its time
 
         found = result.measurement
@@ -236,12 +265,9 @@ class PictureWriter:
             level=self._style.level,
         )
         figure: Any = axes.figure
-        file = PartFile(self._pictures[result.photo])
-        try:
-            figure.savefig(file.part, format="png")
-            file.put()
-        finally:
-            file.drop()
+        drawn = BytesIO()
+        figure.savefig(drawn, format="png")
+        return lambda: _write(self._pictures[result.photo], drawn.getvalue())
 
     def finish(self) -> None:
         """Every picture is in its place already."""
@@ -254,10 +280,10 @@ class PageWriter:
     """One page of all photos."""
 
     def __init__(self, out: Path, style: Style, title: str = "How big is it?") -> None:
-        self._out, self._style, self._title = out, style, title
+        self.out, self._style, self._title = out, style, title
         self._results: list[tuple[Measurement, Path | ImageArray]] = []
 
-    def add(self, result: Result) -> None:
+    def prepare(self, result: Result) -> Put:
         # neither depth maps nor pixels of a thousand photos are kept; the page needs no depth
         plane = GroundPlane(image_size=result.measurement.image_size)
         light = attrs.evolve(
@@ -266,13 +292,14 @@ class PageWriter:
             detections=tuple(attrs.evolve(one, mask=None) for one in result.measurement.detections),
         )
         on_disk = result.photo.is_file()
-        self._results.append((light, result.photo if on_disk else result.image))
+        picture = result.photo if on_disk else result.image
+        return lambda: self._results.append((light, picture))
 
     def finish(self) -> None:
         from imgscale.report import html_page  # noqa: PLC0415 - matplotlib takes its time
 
         unit, level = self._style
-        write_text(self._out, html_page(self._results, title=self._title, unit=unit, level=level))
+        write_text(self.out, html_page(self._results, title=self._title, unit=unit, level=level))
 
     def drop(self) -> None:
         """Nothing is written before the end."""
@@ -292,16 +319,34 @@ class Writers(AbstractContextManager["Writers"]):
         """Take one more file."""
         self._writers.append(writer)
 
-    def add(self, result: Result) -> None:
-        """Hand a result to all."""
-        for writer in self._writers:
-            writer.add(result)
+    def prepare(self, result: Result) -> Put:
+        """Make what all will write of a result; what goes wrong in that concerns it alone."""
+        ready = [(writer.out, writer.prepare(result)) for writer in self._writers]
+        return lambda: self._put(ready)
+
+    def _put(self, ready: Iterable[tuple[Path, Put]]) -> None:
+        for out, put in ready:
+            with _named(out):
+                put()
         self._count += 1
 
-    def finish(self) -> None:
-        """Put the files in their places; where nothing was measured, old ones stay."""
-        for writer in self._writers if self._count else ():
-            writer.finish()
+    def finish(self) -> bool:
+        """
+        Put the files in their places; where nothing was measured, old ones stay.
+
+        One that fails is named, and the others follow, pages last: they are made only now.
+        """
+        is_done = True
+        for writer in sorted(self._writers, key=_is_page) if self._count else ():
+            try:
+                with _named(writer.out):
+                    writer.finish()
+            except BrokenPipeError:
+                raise
+            except Exception as error:  # noqa: BLE001 - whatever it is, the others are whole
+                complain(in_words(error))
+                is_done = False
+        return is_done
 
     def __exit__(
         self,
@@ -311,4 +356,20 @@ class Writers(AbstractContextManager["Writers"]):
         /,
     ) -> None:
         for writer in self._writers:
-            writer.drop()
+            with suppress(OSError):  # what could not be written cannot be flushed
+                writer.drop()
+
+
+def _is_page(writer: Writer) -> bool:
+    return isinstance(writer, PageWriter)
+
+
+@contextmanager
+def _named(out: Path) -> Generator[None]:
+    """Name the file in an error of the disk."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(out)) from error

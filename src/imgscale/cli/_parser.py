@@ -16,7 +16,7 @@ _CODES = """\
 exit codes
   0    all was measured
   1    some or all could not be; each is named on standard error
-  2    the command, or a file that it names, is wrong; nothing was begun
+  2    the command, or a file for all photos, is wrong; nothing was begun
   130  stopped by Ctrl-C; what was finished is kept
   141  the reader of the output has gone
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import os
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -10,6 +11,7 @@ from imgscale._typing import ImageSize
 from imgscale.cli._messages import WrongUsageError
 
 T = TypeVar("T")
+K = TypeVar("K")
 
 PHOTO_ENDINGS = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 
@@ -31,7 +33,10 @@ def find_photos(given: Sequence[Path], others: Collection[Path]) -> list[Path]:
             msg = f"{path} holds no photos ({', '.join(PHOTO_ENDINGS)})."
             raise WrongUsageError(msg)
         photos += found
-    return list(dict.fromkeys(photos))
+    once: dict[Path, Path] = {}
+    for photo in photos:
+        once.setdefault(full_path(photo), photo)
+    return list(once.values())
 
 
 def _in_folder(folder: Path, elsewhere: Sequence[Path]) -> Iterator[Path]:
@@ -67,7 +72,12 @@ def read_header(photo: Path) -> Header:
     """Read what a photo tells before its pixels."""
     from PIL import ExifTags, Image  # noqa: PLC0415 - 20 ms that --help does not need
 
-    with Image.open(photo) as image:
+    try:
+        opened = Image.open(photo)
+    except (Image.DecompressionBombError, SyntaxError) as error:  # the latter of broken files
+        msg = f"{photo} cannot be opened: {error}"
+        raise ValueError(msg) from error
+    with opened as image:
         width, height = image.size
         orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
         odd = orientation in _MIRRORED or (orientation in _TURNED and image.mode != "RGB")
@@ -75,13 +85,15 @@ def read_header(photo: Path) -> Header:
     return Header(size, not odd)
 
 
+def full_path(path: Path) -> Path:
+    """Write a path in full; a link keeps its own name, which is the one that people gave."""
+    return Path(os.path.abspath(path))  # noqa: PTH100 - Path.absolute() leaves ".." standing
+
+
 def ends_of(photo: Path) -> list[str]:
     """List the ends of a photo's full path, the longest first, with forward slashes."""
-    parts = photo.resolve().parts
-    return [
-        photo.resolve().as_posix(),
-        *("/".join(parts[start:]) for start in range(1, len(parts))),
-    ]
+    full = full_path(photo)
+    return [full.as_posix(), *("/".join(full.parts[start:]) for start in range(1, len(full.parts)))]
 
 
 class Beside(Mapping[Path, T]):
@@ -121,18 +133,17 @@ class Beside(Mapping[Path, T]):
 
 def by_name(option: str, source: Path, photos: Sequence[Path], names: Mapping[str, T]) -> Beside[T]:
     """Look up each photo under its path, then under ever shorter ends of it."""
-    found: dict[Path, T] = {}
+    keys: dict[Path, str] = {}
     why_not: dict[Path, str] = {}
-    served: dict[str, Path] = {}
     for photo in photos:
         key = next((end for end in ends_of(photo) if end in names), None)
         if key is None:
             some = ", ".join(list(names)[:3]) or "nothing"
             why_not[photo] = f"{source} does not name it; it names {some}{_more(len(names) - 3)}."
-        elif served.setdefault(key, photo) != photo:
-            why_not[photo] = _serves_two(f'{source}, "{key}",', served[key])
         else:
-            found[photo] = names[key]
+            keys[photo] = key
+    why_not |= _shared(keys, lambda key: f'{source}, "{key}",')
+    found = {photo: names[key] for photo, key in keys.items() if photo not in why_not}
     return Beside(option, found, why_not)
 
 
@@ -153,7 +164,6 @@ def by_stem(
         raise WrongUsageError(msg)
     found: dict[Path, Path] = {}
     why_not: dict[Path, str] = {}
-    served: dict[Path, Path] = {}
     for photo in photos:
         there = _files_of(photo, source, endings)
         if not there:
@@ -161,11 +171,11 @@ def by_stem(
             why_not[photo] = f"{source} has no {wanted} for it."
         elif len(there) > 1:
             why_not[photo] = f"{source} has {', '.join(map(str, there))}; leave one for each photo."
-        elif served.setdefault(there[0], photo) != photo:
-            why_not[photo] = _serves_two(str(there[0]), served[there[0]])
         else:
             found[photo] = there[0]
-    return Beside(option, found, why_not)
+    shared = _shared(found, str)
+    found = {photo: file for photo, file in found.items() if photo not in shared}
+    return Beside(option, found, why_not | shared)
 
 
 def _files_of(photo: Path, folder: Path, endings: Sequence[str]) -> list[Path]:
@@ -182,8 +192,18 @@ def _is_same(path: Path, photo: Path) -> bool:
     return photo.exists() and path.samefile(photo)
 
 
-def _serves_two(what: str, other: Path) -> str:
-    return f"{what} would serve {other} too; give them in folders as the photos are."
+def _shared(keys: Mapping[Path, K], told: Callable[[K], str]) -> dict[Path, str]:
+    """Tell of photos that have one key that nobody knows whose it is."""
+    owners: dict[K, list[Path]] = {}
+    for photo, key in keys.items():
+        owners.setdefault(key, []).append(photo)
+    why_not: dict[Path, str] = {}
+    for key, sharing in owners.items():
+        for photo, other in zip(sharing, [*sharing[1:], sharing[0]], strict=True):
+            if photo != other:
+                what = f"{told(key)} would serve {other} too"
+                why_not[photo] = f"{what}; give them in folders as the photos are."
+    return why_not
 
 
 def _more(count: int) -> str:

@@ -80,6 +80,9 @@ def on_ground(options: Any) -> Callable[[ImageSize], GroundPlane]:
 
 def _depth_files(options: Any, photos: Sequence[Path]) -> DepthOf:
     files = by_stem("--depth", options.depth, photos, DEPTH_ENDINGS)
+    if options.depth.is_file() and options.depth.suffix.lower() not in DEPTH_ENDINGS:
+        msg = f"--depth must end in {' or '.join(DEPTH_ENDINGS)}; got {options.depth}."
+        raise WrongUsageError(msg)
 
     def read(photo: Path, image: ImageArray) -> Depth:
         return read_depth(

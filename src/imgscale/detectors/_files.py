@@ -20,8 +20,17 @@ def read_json(path: str | PathLike[str]) -> Any:
     try:
         return json.loads(Path(path).read_bytes())
     except (RecursionError, ValueError) as error:
-        msg = f"{path} must hold JSON; got: {error}."
+        msg = f"{path} must hold JSON; got: {_why_no_json(error)}."
         raise ValueError(msg) from error
+
+
+def _why_no_json(error: Exception) -> str:
+    """Tell what is wrong with a text; Python's own words are only good for its grammar."""
+    if isinstance(error, json.JSONDecodeError):
+        return str(error)
+    if isinstance(error, UnicodeDecodeError):
+        return f"a byte at {error.start} that is no text in UTF-8"
+    return "too deep a nesting" if isinstance(error, RecursionError) else "too long a number"
 
 
 def as_table(name: str, value: Any) -> Mapping[str, Any]:
