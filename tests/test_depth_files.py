@@ -154,6 +154,15 @@ def test_integers_of_every_size_need_a_scale(dtype, tmp_path):
         read_values(path)
 
 
+@pytest.mark.parametrize("kind", ["relative", "inverse", "affine_inverse"])
+def test_integers_that_are_known_up_to_a_factor_need_no_scale(kind, tmp_path):
+    path = saved(tmp_path, "depth.npy", np.array([[1000, 2500]], dtype=np.uint16))
+    np.testing.assert_array_equal(read_depth(path, kind=kind).values, [[1000.0, 2500.0]])
+    np.testing.assert_array_equal(read_depth(path, kind=kind, scale=10).values, [[100.0, 250.0]])
+    with pytest.raises(ValueError, match="`scale` must be given"):
+        read_depth(path, kind="metric")
+
+
 def test_negative_integers_are_missing_as_opencvs_matcher_stores_them(tmp_path):
     path = saved(tmp_path, "disparity.npy", np.array([[-16, 320]], dtype=np.int16))
     np.testing.assert_array_equal(read_values(path, scale=16), [[np.nan, 20.0]])

@@ -39,7 +39,8 @@ def read_depth(
         What its values are, as in `DepthMap`. Disparity and distances along the ray need more:
         pass what `read_values` gives to `DepthMap.from_disparity` or `.from_ray_distance`.
     scale : float, optional
-        Stored number that stands for 1 (metre), positive; needed where the file holds integers.
+        Stored number that stands for 1 (metre), positive; needed where the file holds integers and
+        the kind is "metric". Other kinds are known up to a factor anyway, which k takes up.
     key : str, optional
         Name of the array in an NPZ file of several.
     image_size : (width, height), optional
@@ -70,7 +71,9 @@ def read_depth(
     >>> from imgscale.depth_sources.files import read_depth
     >>> source = lambda image: read_depth("depth.png", kind="metric", scale=1000)
     """
-    values = read_values(path, scale=scale, key=key)
+    up_to_a_factor = kind in {"relative", "inverse", "affine_inverse"}
+    divisor = 1.0 if scale is None and up_to_a_factor else scale
+    values = read_values(path, scale=divisor, key=key)
     with within(path):
         return DepthMap(values, kind=kind, image_size=image_size, scale_rel_std=scale_rel_std)
 
