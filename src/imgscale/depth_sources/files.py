@@ -71,9 +71,9 @@ def read_depth(
     >>> from imgscale.depth_sources.files import read_depth
     >>> source = lambda image: read_depth("depth.png", kind="metric", scale=1000)
     """
-    up_to_a_factor = kind in {"relative", "inverse", "affine_inverse"}
-    divisor = 1.0 if scale is None and up_to_a_factor else scale
-    values = read_values(path, scale=divisor, key=key)
+    if scale is None and kind != "metric":
+        scale = 1.0
+    values = read_values(path, scale=scale, key=key)
     with within(path):
         return DepthMap(values, kind=kind, image_size=image_size, scale_rel_std=scale_rel_std)
 
