@@ -45,7 +45,7 @@ SHAPES = {
     "person": ((1.75, 0.65, 0.8), (*LEGS, *BODY)),
     "cyclist": ((1.74, 0.6, 1.75), (*WHEELS, LEGS[1], *BODY)),
 }
-WIDTH, ORDER, CORE = "_SURFACE_LOG_WIDTH", "_ORDER_STATISTIC", "_CORE_SHARE"
+WIDTH, ORDER, CORE = "SURFACE_LOG_WIDTH", "_ORDER_STATISTIC", "_CORE_SHARE"
 RULES: dict[str, dict[str, float]] = {
     "as shipped": {CORE: sampling._CORE_SHARE},
     **{f"plain, {q:.0%}": {WIDTH: math.inf, ORDER: q} for q in (0.1, 0.25, 0.3, 0.5)},
@@ -264,7 +264,7 @@ def print_mixed(cases: list[Case]) -> None:
     """Print how well MIXED_DEPTH tells depths that are more than 10 % off, by its thresholds."""
     print("gap  share  flagged  wrong if so, if not  found of wrong  spread if so, if not")
     for gap, share in itertools.product((1.1, 1.25, 1.5), (0.2, 0.3, 0.4, 0.5)):
-        result = errors(cases, {"_OTHER_LOG_GAP": math.log(gap), "_OTHER_SHARE": share})
+        result = errors(cases, {"OTHER_LOG_GAP": math.log(gap), "_OTHER_SHARE": share})
         logs, mixed = result[:, 0], result[:, 1] > 0
         wrong = np.abs(logs) > 0.1
         shares = [mixed.mean(), wrong[mixed].mean(), wrong[~mixed].mean(), mixed[wrong].mean()]

@@ -86,13 +86,46 @@ def test_any_two_points_of_an_exact_scene_are_as_far_apart_as_they_are(kind, met
         assert length.value == pytest.approx(true_length(p1, p2), rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", TO_KIND)
+@pytest.mark.parametrize("kind", sorted(TO_KIND.keys() - {"metric"}))
 def test_a_camera_that_comes_later_is_as_good_as_one_of_the_fit(kind):
     model, depth = fitted(kind, camera=None), wall(kind)
     p1, p2 = (100.5, 80.5), (500.5, 400.5)
     assert distance(model, p1, p2, depth, camera=CAMERA).value == pytest.approx(
         true_length(p1, p2), rel=1e-9
     )
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes", "why"),
+    [
+        ("metric", {"focal_px": 1.2 * FOCAL}, "with metric depth, where its focal length tells k"),
+        ("relative", {"pitch_deg": 20.0, "pitch_std_deg": 1.0}, "where it is tilted, as the fit"),
+    ],
+)
+def test_a_camera_that_the_fit_needed_to_know_is_refused_later(kind, changes, why):
+    late = attrs.evolve(CAMERA, **changes)
+    for first in (None, CAMERA):
+        model = fitted(kind, camera=first)
+        with pytest.raises(ValueError, match=f"`camera` must be the model's {why}.*to `fit`"):
+            distance(model, (100.5, 80.5), (500.5, 400.5), wall(kind), camera=late)
+
+
+@pytest.mark.parametrize("column", [318.9, 319.5, 320.0, 320.6])
+def test_a_click_within_a_pixel_of_an_edge_says_that_two_surfaces_meet(column):
+    step = np.full((HEIGHT, WIDTH), 8.0)
+    step[:, :320] = 4.0
+    depth = ims.DepthMap(step, kind="metric")
+    model = fitted("metric")
+    beside = distance(model, (column, 100), (column, 200), depth)
+    assert (Flag.MIXED_DEPTH in beside.flags) == (319 <= column < 321)
+    assert Flag.MIXED_DEPTH not in distance(model, (100, 100), (200, 200), depth).flags
+
+
+def test_a_pole_of_one_pixel_says_that_two_surfaces_meet():
+    pole = np.full((HEIGHT, WIDTH), 8.0)
+    pole[:, 320] = 4.0
+    length = distance(fitted("metric"), (320.5, 50), (320.5, 90), ims.DepthMap(pole, kind="metric"))
+    assert Flag.MIXED_DEPTH in length.flags
 
 
 def test_metric_depth_needs_no_camera_but_takes_the_middle_for_the_principal_point():
@@ -373,11 +406,10 @@ def covered(kind, gap_px, apart_m, depth_rel, *, count=250, camera_rel=0.0, same
             ims.ObjectDepths(values[2:], kind=kind, image_size=SIZE),
             priors,
             noise=noise,
-            camera=None if kind == "metric" else focal,
+            # with metric depth a witness of k, here one that tells the principal point alone
+            camera=attrs.evolve(focal, focal_rel_std=0.5) if kind == "metric" else focal,
         )
-        length = distance(
-            model, *clicks, ims.DepthMap(field, kind=kind), camera=focal, same_object=same_object
-        )
+        length = distance(model, *clicks, ims.DepthMap(field, kind=kind), same_object=same_object)
         low, high = length.interval(0.9)
         hits += low <= truth <= high
     return hits / count

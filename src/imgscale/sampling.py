@@ -34,14 +34,14 @@ _CORE_SHARE = 0.5
 # One surface: depths within 6 % of each other. From 3 to 15 % LiDAR maps of traffic give the same
 # error, 2.0 % in the median; rendered scenes have 5 to 8 % of their depths wrong by more than 10 %,
 # fewest for wide windows, but on a spoked wheel 8 % and more take the hub for the tyre.
-_SURFACE_LOG_WIDTH = 0.06
+SURFACE_LOG_WIDTH = 0.06
 # The outline of an object is its near face, so the near quarter of the surface: against the true
 # depth 0.1 errs by -0.3 %, 0.25 by +0.3 %, 0.5 by +1.4 % on rendered objects.
 _ORDER_STATISTIC = 0.25
 # Another surface: more than 10 % nearer or farther, on at least 40 % of the pixels. That finds 82 %
 # of the depths wrong by more than 10 %; of those it flags 18 % are wrong, of the others 2 %.
 # The flagged are not noisier but more often gross, so it is a flag and not a spread.
-_OTHER_LOG_GAP = math.log(1.1)
+OTHER_LOG_GAP = math.log(1.1)
 _OTHER_SHARE = 0.4
 # More pixels than this say nothing more about one depth.
 _MAX_PIXELS = 16384
@@ -164,12 +164,12 @@ def _dominant(seen: AnyFloatArray, nearness: int, origin: float) -> DepthSample:
     """Find the log-depth window that holds most pixels, the nearest of equals, and sample it."""
     ordered = np.sort(seen.astype(np.float64))[::-nearness]  # near to far
     log_depth: FloatArray = -nearness * np.log(ordered - origin)
-    counts = np.searchsorted(log_depth, log_depth + _SURFACE_LOG_WIDTH, side="right")
+    counts = np.searchsorted(log_depth, log_depth + SURFACE_LOG_WIDTH, side="right")
     counts -= np.arange(log_depth.size)
     start = int(np.argmax(counts))
     count = int(counts[start])
     index = start + int(_ORDER_STATISTIC * (count - 1))
-    other = np.abs(log_depth - log_depth[index]) > _OTHER_LOG_GAP
+    other = np.abs(log_depth - log_depth[index]) > OTHER_LOG_GAP
     return DepthSample(
         value=float(ordered[index]),
         rel_std=float(np.std(log_depth[start : start + count])),

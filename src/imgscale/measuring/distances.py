@@ -18,7 +18,6 @@ from imgscale.core.predictive import scale_under
 from imgscale.core.sighting import log_scales
 from imgscale.core.solving import Cases
 from imgscale.core.stance import Stance
-from imgscale.core.surface import SURFACE_LOG_WIDTH
 from imgscale.core.tape import Ends, Lens, length_quantiles, log_length
 from imgscale.core.witnesses import UNKNOWN_DEPTH_REL, Nuisance
 from imgscale.depth import DepthMap, GroundPlane, ObjectDepths
@@ -31,6 +30,7 @@ from imgscale.noise import Noise
 from imgscale.object_depth import object_depths
 from imgscale.posing import view_of
 from imgscale.quantity import Quantity
+from imgscale.sampling import OTHER_LOG_GAP, SURFACE_LOG_WIDTH
 from imgscale.standing import Viewpoint, stance_of
 
 __all__ = ["distance"]
@@ -67,8 +67,9 @@ def distance(
     depth : DepthMap, optional
         The map, of the model's kind; to be left out where that is the ground plane.
     camera : Camera, optional
-        Focal length and principal point, where the model has none or others. Metric depth needs
-        none; nor do points of one depth. A ground plane takes that of the model.
+        Focal length and principal point, where the model has none or others. Points of one depth
+        need none. With metric depth, on a ground plane and where it is tilted it must be the
+        model's, as it is part of the fit.
     same_object : bool
         Both points are of one object, at which the map errs alike. By default the depths of the two
         err independently, each as `Noise.depth_rel` or the references say.
@@ -154,10 +155,16 @@ def _camera(model: ScaleModel, camera: Camera | None, size: ImageSize | None) ->
     if camera is None:
         return model.camera
     check_type("camera", camera, Camera).check_image_size(size)
-    if model.kind == "ground_plane" and camera != model.camera:
+    if camera == model.camera:
+        return camera
+    why = {
+        "ground_plane": "on a ground plane, where it is part of the fit",
+        "metric": "with metric depth, where its focal length tells k",
+    }.get(model.kind, "where it is tilted, as the fit corrects references for that")
+    if model.kind in {"ground_plane", "metric"} or camera.is_tilted:
         msg = (
-            "`camera` must be the model's on a ground plane, where it is part of the fit; got "
-            "another. Give it to `fit`: fit(detections, depth, camera=...)."
+            f"`camera` must be the model's {why}; got another. Give it to `fit`: fit(detections, "
+            "depth, camera=...)."
         )
         raise ValueError(msg)
     return camera
@@ -265,25 +272,37 @@ def _read(
                 values[row], mixed[row] = found.value[0], found.mixed[0]
                 variances[row] = found.rel_std[0] ** 2
                 break
-        own = _own_depth(depth, point / per_pixel, shift)
+        own, meet = _own_depth(depth, point / per_pixel, shift)
         values[row] = values[row] if math.isnan(own) else own
+        mixed[row] |= meet
     return values, variances, mixed
 
 
-def _own_depth(depth: DepthMap, place: FloatArray, shift: float) -> float:
-    """Depth of the pixel of the map at a place, NaN where its neighbours do not share it."""
+def _own_depth(depth: DepthMap, place: FloatArray, shift: float) -> tuple[float, bool]:
+    """
+    Look at the pixel of the map at a place, and at its neighbours.
+
+    Returns
+    -------
+    float
+        Its depth, NaN where its neighbours do not share it.
+    bool
+        True where two surfaces meet here: a click within a pixel of an edge may be of either.
+    """
     height, width = depth.values.shape
     column, row = min(int(place[0]), width - 1), min(int(place[1]), height - 1)
     around = depth.values[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
     around = around[valid_depths(around, depth.kind)].astype(np.float64)
     own = float(depth.values[row, column])
-    if not valid_depths(np.array([own]), depth.kind)[0]:
-        return math.nan
     with np.errstate(divide="ignore", invalid="ignore"):
         law = LAWS[depth.kind]
-        ratio = (law.inverse_depth(around) + shift) / (law.inverse_depth(own) + shift)
-        alike = np.abs(np.log(ratio)) <= SURFACE_LOG_WIDTH
-    return own if alike.mean() >= _SUPPORT else math.nan
+        logs = np.log(law.inverse_depth(around) + shift)
+        off = np.abs(logs - np.log(law.inverse_depth(own) + shift))
+    seen = logs[np.isfinite(logs)]
+    meet = bool(seen.size and np.ptp(seen) > OTHER_LOG_GAP)
+    if not valid_depths(np.array([own]), depth.kind)[0]:
+        return math.nan, meet
+    return (own if (off <= SURFACE_LOG_WIDTH).mean() >= _SUPPORT else math.nan), meet
 
 
 def _feet_at(model: ScaleModel, points: FloatArray, cases: Cases, *, same_object: bool) -> _Points:
