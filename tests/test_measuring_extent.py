@@ -543,3 +543,76 @@ def test_unknown_properties_and_units_are_refused():
 def test_a_missing_depth_is_named():
     with pytest.raises(ValueError, match="`depth` is missing"):
         extent(fitted(), disc(300, 200, 40))
+
+
+# --- what is refused or read with care ----------------------------------------------------------
+
+
+def star(points=5, turns=2):
+    angles = 2 * math.pi * turns * np.arange(points) / points
+    return np.column_stack([200 + 100 * np.sin(angles), 200 - 100 * np.cos(angles)])
+
+
+@pytest.mark.parametrize("knows_size", [True, False])
+@pytest.mark.parametrize(
+    "polygon",
+    [
+        [(10, 10), (100, 10), (100, 100), (10, 100)] * 2,
+        star(),
+        [(10, 10), (300, 300), (300, 200), (10, 60)],
+        [(100, 100), (300, 100), (300, 100.002), (100, 100.002)],
+    ],
+    ids=["twice round", "pentagram", "bow tie", "sliver"],
+)
+def test_polygons_that_enclose_no_area_once_are_refused(polygon, knows_size):
+    depth = flat("relative")
+    model = fitted()
+    if not knows_size:
+        depth = ims.ObjectDepths([UNIT * 5.0], kind="relative")
+        model = ims.fit([ims.Detection("door", (20, 50, 60, 450))], depth)
+    with pytest.raises(ValueError, match="`mask_or_polygon` must enclose an area, a pixel high"):
+        extent(model, polygon, depth)
+
+
+@pytest.mark.parametrize("reach", [(-5.0, 10.0), (1e200, 10.0), (645.0, 10.0)])
+def test_a_polygon_beyond_the_picture_is_named(reach):
+    with pytest.raises(ValueError, match="`mask_or_polygon` must lie in the image, 640 x 480 px"):
+        extent(fitted(), [reach, (50, 10), (50, 200)], flat("relative"))
+
+
+def test_a_polygon_along_the_whole_border_is_measured():
+    whole = extent(fitted(), [(0, 0), (WIDTH, 0), (WIDTH, HEIGHT), (0, HEIGHT)], flat("relative"))
+    assert whole.width.value == pytest.approx(WIDTH * 5.0 / FOCAL, rel=1e-9)
+    assert Flag.PARTIAL in whole.flags
+
+
+def test_a_region_of_one_pixel_in_the_first_corner_is_one_of_the_table():
+    labels = np.zeros((HEIGHT, WIDTH), dtype=int)
+    labels[100:150, 300:320], labels[0, 0] = 1, 2
+    table = regionprops_table(fitted(), labels, flat("relative"))
+    np.testing.assert_allclose(table["height_m"], np.array([50, 1]) * 5.0 / FOCAL)
+
+
+def test_labels_of_any_size_are_kept_and_take_no_memory():
+    labels = np.zeros((HEIGHT, WIDTH), dtype=np.uint64)
+    labels[100:150, 300:320], labels[200:240, 50:90] = 7, 2**63 + 5
+    table = regionprops_table(fitted(), labels, flat("relative"))
+    assert table["label"].tolist() == [7, 2**63 + 5]
+    labels[labels == 0] = 3
+    everything = regionprops_table(fitted(), labels, flat("relative"))
+    assert everything["label"].tolist() == [3, 7, 2**63 + 5]
+
+
+@pytest.mark.parametrize("properties", [None, "area", 3])
+def test_properties_are_names(properties):
+    labels = np.zeros((HEIGHT, WIDTH), dtype=int)
+    with pytest.raises(TypeError, match="`properties` must be a sequence of names; got"):
+        regionprops_table(fitted(), labels, flat("relative"), properties=properties)
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "ends"),
+    [(0.0, 0.0, (0.0, 0.0)), (2.0, 0.0, (2.0, 2.0)), (1e-3, 10.0, (0.0, math.inf))],
+)
+def test_intervals_of_extreme_quantities_are_no_errors(value, std, ends):
+    assert Quantity(value=value, std=std, unit="m").interval() == ends

@@ -16,6 +16,9 @@ from imgscale.flags import Flag, flag_names, flag_words
 
 __all__ = ["SizeEstimate"]
 
+# Beyond it exp() is no number.
+_LARGEST_LOG = 700.0
+
 
 @attrs.frozen(kw_only=True)
 class SizeEstimate:
@@ -289,5 +292,8 @@ def log_interval(value: float, std: float, level: float) -> tuple[float, float]:
     _, score = central_scores(level)
     if math.isnan(value):
         return (math.nan, math.nan)
-    factor = math.exp(score * std / value)
-    return (value / factor, value * factor)
+    if std == 0:
+        return (value, value)
+    log_factor = score * std / value if value else math.inf
+    factor = math.exp(log_factor) if log_factor < _LARGEST_LOG else math.inf
+    return (value / factor, value * factor if value else math.inf)

@@ -159,7 +159,7 @@ def observe(
     depth = check_depth_type(depth)
     ground = depth if isinstance(depth, GroundPlane) else ground
     boxes = _boxes(detections)
-    _check_in_image(boxes, depth)
+    _check_in_image(boxes, depth, masked=any(d.mask is not None for d in detections))
     _check_masks(detections, depth)
     extents: Extents = {name: pixel_extent(boxes, name) for name in SIZE_AXES}
     choice = [
@@ -216,8 +216,9 @@ def _boxes(detections: Sequence[Detection]) -> FloatArray:
     return np.array([d.xyxy for d in detections], dtype=np.float64).reshape(-1, 4)
 
 
-def _check_in_image(boxes: FloatArray, depth: Depth) -> None:
-    if boxes.size and boxes.min() >= 0 and boxes.max() <= 1:
+def _check_in_image(boxes: FloatArray, depth: Depth, *, masked: bool) -> None:
+    # a mask is of pixels, whatever its box looks like
+    if boxes.size and not masked and boxes.min() >= 0 and boxes.max() <= 1:
         msg = (
             f"`xyxy` must be in pixels; got {tuple(boxes[0].tolist())} and the like, all in the "
             "first pixel. Ratios of the image's size go through Detection.from_ratios()."

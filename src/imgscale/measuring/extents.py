@@ -35,7 +35,11 @@ from imgscale.sizing import Sizes, Wanted, distances, row_flags, size_up
 __all__ = ["extent"]
 
 # Polygons and the pixels in them differ by less than this much of a pixel along the outline.
-_OUTLINE_PX = 0.75
+_OUTLINE_PX = 1.0
+# A polygon is rasterised for the check alone where the picture's size is not known, so finely.
+_CHECK_PX = 256.0
+# Corners beyond this are no pixels.
+_LARGEST_PX = 1e6
 _ROWS: tuple[SizeAxis, ...] = ("height", "width", "width", "width")
 
 
@@ -191,15 +195,40 @@ def _of_polygon(corners: FloatArray, size: ImageSize | None) -> Region:
             f"polygon; got {len(corners)}."
         )
         raise ValueError(msg)
+    _check_corners(corners, size)
     outline, mask = outline_of_polygon(corners), _filled(corners, size)
-    pixels = 0.0 if mask is None else float(mask.sum())
-    if outline is None or pixels - outline.area_px > _OUTLINE_PX * outline.perimeter_px:
+    if outline is None or min(np.ptp(corners, axis=0)) < 1 or _crosses(outline, corners, mask):
         msg = (
-            "`mask_or_polygon` must enclose an area and not cross itself where it is a polygon; "
-            f"got {corners[:5].tolist()}{' and so on' if len(corners) > 5 else ''}."
+            "`mask_or_polygon` must enclose an area, a pixel high and wide at least, and not cross "
+            f"itself where it is a polygon; got {corners[:5].tolist()}"
+            f"{' and so on' if len(corners) > 5 else ''}."
         )
         raise ValueError(msg)
-    return Region(outline, mask if pixels else None)
+    return Region(outline, mask if mask is not None and mask.any() else None)
+
+
+def _check_corners(corners: FloatArray, size: ImageSize | None) -> None:
+    """Raise where a polygon reaches more than a pixel beyond the picture."""
+    high = np.array(size, dtype=np.float64) + 1 if size else _LARGEST_PX
+    low = -1.0 if size else -_LARGEST_PX
+    out = (corners < low) | (corners > high)
+    if out.any():
+        where = f"the image, {size[0]} x {size[1]} px" if size else "a picture"
+        corner = tuple(corners[out.any(axis=1)][0].tolist())
+        msg = f"`mask_or_polygon` must lie in {where}; got the corner {corner}."
+        raise ValueError(msg)
+
+
+def _crosses(outline: Outline, corners: FloatArray, mask: BoolArray | None) -> bool:
+    """Tell whether a polygon encloses some of its area more than once, or not at all."""
+    scale = 1.0
+    if mask is None:
+        scale = _CHECK_PX / float(np.ptp(corners, axis=0).max())
+        own = (corners - corners.min(axis=0)) * scale
+        mask = _filled(own, (int(_CHECK_PX) + 1, int(_CHECK_PX) + 1))
+    pixels = 0.0 if mask is None else float(mask.sum())
+    off = abs(pixels - outline.area_px * scale**2)
+    return off > _OUTLINE_PX * outline.perimeter_px * scale
 
 
 def _filled(corners: FloatArray, size: ImageSize | None) -> BoolArray | None:
@@ -317,9 +346,13 @@ def _quantity(sizes: Sizes, row: int, flags: Sequence[Flag]) -> Quantity:
 
 def _squared(root: Quantity) -> Quantity:
     """Make an area of its root: its log errs by twice as much."""
-    squares = root.quantiles and tuple(number**2 for number in root.quantiles)
+    squares = root.quantiles and tuple(number * number for number in root.quantiles)
     return attrs.evolve(
-        root, value=root.value**2, std=2 * root.value * root.std, unit="m2", quantiles=squares
+        root,
+        value=root.value * root.value,
+        std=2 * root.value * root.std,
+        unit="m2",
+        quantiles=squares,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import attrs
@@ -95,8 +95,11 @@ def regionprops_table(
     lookup = look_up(model, depth, same_scale=same_scale)
     labels = _labels(label_image, lookup.depth.image_size)
     measure: Any = ski.measure  # untyped there
+    numbers, labels = _compact(labels)
     props = measure.regionprops(labels)
     table: dict[str, NDArray[Any]] = _pixel_columns(measure, labels, properties)
+    if "label" in table:
+        table["label"] = numbers
     cases = solved(model)
     depths = _one_by_one(lookup.depth, len(props))
     found = [
@@ -125,10 +128,22 @@ def _labels(value: ArrayLike, size: ImageSize | None) -> NDArray[Any]:
     return array
 
 
+def _compact(labels: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Give regions small numbers: scikit-image takes memory for all up to the largest."""
+    numbers, places = np.unique(labels, return_inverse=True)
+    has_background = bool((numbers == 0).any())
+    compact = places.reshape(labels.shape) + (0 if has_background else 1)
+    return numbers[numbers > 0], compact.astype(np.intp)
+
+
 def _pixel_columns(
     measure: Any, labels: NDArray[Any], properties: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
     """Ask scikit-image for properties in pixels."""
+    names: object = properties  # what a caller without types passes
+    if isinstance(names, str) or not isinstance(names, Iterable):
+        msg = f"`properties` must be a sequence of names; got {names!r}."
+        raise TypeError(msg)
     try:
         return dict(measure.regionprops_table(labels, properties=tuple(properties)))
     except (AttributeError, KeyError, TypeError) as error:
