@@ -606,7 +606,7 @@ def test_labels_of_any_size_are_kept_and_take_no_memory():
 @pytest.mark.parametrize("properties", [None, "area", 3])
 def test_properties_are_names(properties):
     labels = np.zeros((HEIGHT, WIDTH), dtype=int)
-    with pytest.raises(TypeError, match="`properties` must be a sequence of names; got"):
+    with pytest.raises(TypeError, match="`properties` must be a sequence of (names|str objects); got"):
         regionprops_table(fitted(), labels, flat("relative"), properties=properties)
 
 

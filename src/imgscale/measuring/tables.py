@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imgscale._checks import as_array, check_choice
+from imgscale._checks import as_array, check_choice, check_iterable
 from imgscale._format import PER_METRE
 from imgscale._typing import ImageSize
 from imgscale.depth import Depth, ObjectDepths
@@ -140,9 +140,9 @@ def _pixel_columns(
     measure: Any, labels: NDArray[Any], properties: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
     """Ask scikit-image for properties in pixels."""
-    names: object = properties  # what a caller without types passes
-    if isinstance(names, str) or not isinstance(names, Iterable):
-        msg = f"`properties` must be a sequence of names; got {names!r}."
+    check_iterable("properties", properties, "str")
+    if isinstance(properties, str):
+        msg = f"`properties` must be a sequence of names; got {properties!r}. Put one in a list."
         raise TypeError(msg)
     try:
         return dict(measure.regionprops_table(labels, properties=tuple(properties)))
