@@ -248,7 +248,7 @@ def test_one_pole_alone_is_taken_with_reservations(tmp_path, capsys):
 
 def exif(focal_mm):
     record = Image.Exif()
-    record.get_ifd(0x8769)[0xA405] = focal_mm
+    record[0x8769] = {0xA405: focal_mm}
     return record
 
 

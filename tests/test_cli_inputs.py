@@ -580,7 +580,7 @@ def test_two_depth_files_of_one_photo_are_an_error(tmp_path, capsys):
 
 def with_exif(path, focal_mm):
     record = Image.Exif()
-    record.get_ifd(0x8769)[0xA405] = focal_mm
+    record[0x8769] = {0xA405: focal_mm}
     photo(path, exif=record)
 
 

@@ -161,12 +161,14 @@ def test_several_photos_give_a_picture_each_named_after_it(tmp_path):
 
 
 def test_pictures_that_would_have_one_name_are_an_error(tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     words = several(tmp_path, ["x.jpg", "x.png"])
     assert main([*words, "--out", str(tmp_path / "sizes.png")]) == 2
     assert "must tell" in capsys.readouterr().err
 
 
 def test_pictures_do_not_go_among_the_photos(tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     words = several(tmp_path, ["1/x.jpg", "2/x.jpg"])
     assert main([*words, "--out", str(tmp_path / "in" / "sizes.png")]) == 2
     assert "whose photos are measured" in capsys.readouterr().err
@@ -327,6 +329,7 @@ def test_a_result_through_a_link_goes_where_that_leads(tmp_path):
 
 
 def test_a_picture_does_not_go_beside_the_only_photo_of_a_folder(tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     words = several(tmp_path, ["a.jpg"])
     assert main([*words, "--out", str(tmp_path / "in" / "sizes.png")]) == 2
     assert "whose photos are measured" in capsys.readouterr().err
@@ -354,6 +357,8 @@ def test_without_matplotlib_it_is_told_before_the_work(tmp_path, monkeypatch, ca
     ],
 )
 def test_where_nothing_can_be_written_is_told_before_the_work(tmp_path, capsys, out, message):
+    if out.endswith(".png"):
+        pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     photo(tmp_path / "a.jpg")
     Image.fromarray(np.full((480, 640), 4000, np.uint16)).save(tmp_path / "depth.png")
     (tmp_path / "folder.csv").mkdir()
@@ -369,6 +374,7 @@ def test_where_nothing_can_be_written_is_told_before_the_work(tmp_path, capsys, 
 
 
 def test_photos_and_detections_are_never_overwritten(tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     photo(tmp_path / "a.png")
     words = measure_arguments(tmp_path / "a.png")
     assert main([*words, "--out", str(tmp_path / "a.png")]) == 2
