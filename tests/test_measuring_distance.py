@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import imgscale as ims
 from imgscale import Flag
 from imgscale.datasets import motorcycle
-from imgscale.measuring import distance
+from imgscale.measuring import distance, extent, regionprops_table
 
 SIZE = (640, 480)
 WIDTH, HEIGHT = SIZE
@@ -556,3 +556,94 @@ def test_a_point_above_the_horizon_is_nowhere_on_the_ground():
     length = distance(model, (300, 5), (310, 420))
     assert math.isnan(length.value)
     assert Flag.BEYOND_HORIZON in length.flags
+
+
+# --- frames fitted together, other planes, what looks like a point -------------------------------
+
+
+def shared_ground(n_frames=3):
+    detections, pixel = ground_scene(5.0, 0.0)
+    camera = attrs.evolve(CAMERA, image_size=SIZE)
+    frame = ims.Frame(detections, ims.GroundPlane(image_size=SIZE), camera=camera)
+    return ims.fit_shared([frame] * n_frames, DOORS), pixel
+
+
+def test_a_frame_of_many_says_what_is_farther_than_its_references():
+    # references from 12 to 20 m
+    models, pixel = shared_ground()
+    near, far = [pixel(14, 0), pixel(16, 2)], [pixel(60, 0), pixel(16, 2)]
+    for model in models:
+        assert Flag.EXTRAPOLATED not in distance(model, *near).flags
+        assert Flag.EXTRAPOLATED in distance(model, *far).flags
+
+
+def test_predict_and_extent_say_so_too():
+    model = shared_ground()[0][0]
+    pixel = ground_scene(5.0, 0.0)[1]
+    for forward, told in ((16.0, False), (60.0, True)):
+        (x, foot), (_, top) = pixel(forward, 0.0), pixel(forward, 0.0, 2.0)
+        box = (x - 5, top, x + 5, foot)
+        flags = ims.predict(model, [ims.Detection("statue", box)])[0].flags
+        assert (Flag.EXTRAPOLATED in flags) == told
+        corners = [(box[0], top), (box[2], top), (box[2], foot), (box[0], foot)]
+        assert (Flag.EXTRAPOLATED in extent(model, corners).flags) == told
+
+
+@pytest.mark.parametrize("verb", ["distance", "extent", "regionprops_table"])
+def test_another_ground_plane_is_refused_by_name(verb):
+    detections, pixel = ground_scene(5.0, 0.0)
+    camera = attrs.evolve(CAMERA, image_size=SIZE)
+    plane = ims.GroundPlane(image_size=SIZE)
+    model = ims.fit(detections, plane, DOORS, camera=camera)
+    corners = [(300, 300), (350, 300), (350, 400)]
+    labels = np.zeros((HEIGHT, WIDTH), dtype=int)
+    labels[300:400, 300:350] = 1
+    measure = {
+        "distance": lambda depth: distance(model, pixel(12, 1), pixel(18, -3), depth),
+        "extent": lambda depth: extent(model, corners, depth).height,
+        "regionprops_table": lambda depth: regionprops_table(model, labels, depth)["height_m"][0],
+    }[verb]
+    assert measure(plane) == measure(None)
+    other = ims.GroundPlane(image_size=SIZE, camera_height_m=1.0)
+    with pytest.raises(ims.DepthMismatchError, match="`depth` must be the model's ground plane"):
+        measure(other)
+
+
+def test_a_masked_point_is_refused():
+    masked = np.ma.array([100.5, 80.5], mask=[True, False])
+    with pytest.raises(ValueError, match=r"`p1` must be two numbers .* no masked entry"):
+        distance(fitted("metric"), masked, (10, 10), wall("metric"))
+    bare = np.ma.array([100.5, 80.5])
+    assert distance(fitted("metric"), bare, (10.5, 10.5), wall("metric")).value > 0
+
+
+def test_numpys_truth_values_are_truth_values():
+    depth, ends = wall("relative"), ((100.5, 80.5), (500.5, 400.5))
+    told = distance(NOISY, *ends, depth, same_object=np.True_, same_scale=np.False_)
+    assert told == distance(NOISY, *ends, depth, same_object=True)
+    with pytest.raises(TypeError, match="`same_object` must be a bool; got int"):
+        distance(NOISY, *ends, depth, same_object=1)
+
+
+def test_feet_in_one_row_are_equally_far_only_without_roll():
+    detections, _ = ground_scene(0.0, 0.03)
+    model = ims.fit(detections, ims.GroundPlane(image_size=SIZE), DOORS, noise=EXACT)
+    with pytest.raises(
+        ValueError, match=r"nor in one row, unless roll_deg=0\.0, roll_std_deg=0\.0"
+    ):
+        distance(model, (300, 400), (400, 400))
+    level = ims.GroundPlane(image_size=SIZE, roll_deg=0.0, roll_std_deg=0.0)
+    assert distance(ims.fit(detections, level, DOORS), (300, 400), (400, 400)).value > 0
+
+
+def test_a_frame_without_references_of_its_own_cannot_say_how_far_they_were():
+    detections, pixel = ground_scene(5.0, 0.0)
+    camera = attrs.evolve(CAMERA, image_size=SIZE)
+    plane = ims.GroundPlane(image_size=SIZE)
+    empty = ims.Frame([], plane, camera=camera)
+    full = ims.Frame(detections, plane, camera=camera)
+    model = ims.fit_shared([full, empty, full], DOORS)[1]
+    length = distance(model, pixel(60, 0), pixel(16, 2))
+    low, high = length.interval(0.9)
+    assert low < math.hypot(44, 2) < high
+    assert Flag.EXTRAPOLATED not in length.flags

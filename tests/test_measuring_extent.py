@@ -606,7 +606,9 @@ def test_labels_of_any_size_are_kept_and_take_no_memory():
 @pytest.mark.parametrize("properties", [None, "area", 3])
 def test_properties_are_names(properties):
     labels = np.zeros((HEIGHT, WIDTH), dtype=int)
-    with pytest.raises(TypeError, match="`properties` must be a sequence of (names|str objects); got"):
+    with pytest.raises(
+        TypeError, match=r"`properties` must be a sequence of (names|str objects); got"
+    ):
         regionprops_table(fitted(), labels, flat("relative"), properties=properties)
 
 
@@ -616,3 +618,64 @@ def test_properties_are_names(properties):
 )
 def test_intervals_of_extreme_quantities_are_no_errors(value, std, ends):
     assert Quantity(value=value, std=std, unit="m").interval() == ends
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.3, 0.35, 0.45])
+def test_a_mask_on_two_surfaces_says_so_from_a_quarter_on(share):
+    values = np.full((HEIGHT, WIDTH), UNIT * 5.0)
+    values[:, 300:] = UNIT * 10.0
+    mask = np.zeros((HEIGHT, WIDTH), dtype=np.bool_)
+    mask[200:240, 300 - round(100 * (1 - share)) : 300 + round(100 * share)] = True
+    found = extent(fitted(), mask, ims.DepthMap(values, kind="relative"))
+    for quantity in (found.height, found.width, found.longest, found.area):
+        assert (Flag.MIXED_DEPTH in quantity.flags) == (share > 0.25)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 20.0, 45.0, 60.0])
+def test_a_slanted_surface_is_mixed_only_where_predict_says_so(angle_deg):
+    mask, depth = slanted_board("relative", angle_deg)
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    box = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1)
+    [size] = ims.predict(fitted(), [ims.Detection("board", box, mask=mask)], depth)
+    found = extent(fitted(), mask, depth)
+    assert (Flag.MIXED_DEPTH in found.flags) == (Flag.MIXED_DEPTH in size.flags)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4])
+def test_an_outline_that_errs_outward_moves_the_diagonal_as_it_is(angle):
+    # half a pixel outward on every side of a rectangle of 200 x 80 px, k known exactly
+    longest_px = math.hypot(200, 80)
+    grown = math.hypot(200.001, 80.001) - longest_px
+    depth, noise = flat("metric"), ims.Noise(box_px=2.0, box_rel=0.0, depth_rel=0.0)
+    known = ims.Camera(FOCAL, focal_rel_std=1e-9, image_size=SIZE)
+    found = extent(
+        fitted("metric", noise=noise, camera=known), corners(320, 200, 200, 80, angle), depth
+    )
+    error = found.longest.std / found.longest.value
+    assert error == pytest.approx(2.0 * grown / 0.001 / longest_px, rel=1e-3)
+
+
+def test_a_disc_errs_in_its_longest_extent_by_no_less_than_its_width():
+    found = extent(fitted(noise=TOLD), disc(320, 200, 90), flat("relative"))
+    assert found.width.std <= found.longest.std <= 1.6 * found.width.std
+
+
+def test_several_depths_of_one_region_are_refused():
+    with pytest.raises(ValueError, match="`depth` must hold one value, that of the region; got 2"):
+        extent(fitted(), disc(320, 200, 90), ims.ObjectDepths([1.0, 2.0], kind="relative"))
+
+
+def test_a_contour_of_opencv_is_told_its_remedy():
+    contour = corners(320, 200, 200, 80, 0.0).astype(np.int32)[:, None]
+    with pytest.raises(TypeError, match=r"Take the middle axis out .* contour\[:, 0\]"):
+        extent(fitted(), contour, flat("relative"))
+    assert extent(fitted(), contour[:, 0], flat("relative")).area.value > 0
+
+
+def test_what_lies_under_a_mask_of_numpy_is_not_measured():
+    hidden = np.ma.array(disc(320, 200, 90), mask=disc(320, 200, 20))
+    with pytest.raises(ValueError, match=r"`mask_or_polygon` must be .* no masked entry"):
+        extent(fitted(), hidden, flat("relative"))
+    labels = np.ma.array(labelled(), mask=labelled() == 7)
+    with pytest.raises(ValueError, match=r"`label_image` must be .* no masked entry"):
+        regionprops_table(fitted(), labels, flat("relative"))

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from imgscale._checks import check_type
-from imgscale.core.solving import Cases
-from imgscale.core.witnesses import UNKNOWN_DEPTH_REL
-from imgscale.depth import Depth, DepthMap
+import numpy as np
+
+from imgscale._checks import as_flag, check_type
+from imgscale.core.solving import Cases, Problem
+from imgscale.core.witnesses import UNKNOWN_DEPTH_REL, Sized
+from imgscale.depth import Depth, DepthMap, GroundPlane
+from imgscale.errors import DepthMismatchError
 from imgscale.model import ScaleModel
 from imgscale.object_depth import with_image_size
 from imgscale.observations import Observations
@@ -59,6 +62,22 @@ class Lookup(NamedTuple):
             variance = variance + UNKNOWN_DEPTH_REL**2
         return obs._replace(depth_var=variance)
 
+    def check_plane(self) -> None:
+        """
+        Raise where another ground plane was given than the fitted one, which alone is looked up.
+
+        Raises
+        ------
+        DepthMismatchError
+            If it differs.
+        """
+        if isinstance(self.depth, GroundPlane) and self.depth != self.model.ground:
+            msg = (
+                f"`depth` must be the model's ground plane, {self.model.ground}, which the fit "
+                f"completed; got {self.depth}. Leave it out, or fit anew with the other."
+            )
+            raise DepthMismatchError(msg)
+
 
 def look_up(
     model: ScaleModel,
@@ -94,7 +113,7 @@ def look_up(
         If it is not the model's.
     """
     check_type("model", model, ScaleModel)
-    check_type("same_scale", same_scale, bool)
+    check_type("same_scale", as_flag(same_scale), bool)
     if model.kind == "ground_plane" and model.ground and depth is None:
         depth = model.ground
     if depth is None:
@@ -106,7 +125,45 @@ def look_up(
     return Lookup(model, usable, other)
 
 
-def solved(model: ScaleModel) -> Cases:
+def references_seen(model: ScaleModel, problem: Problem) -> Sized:
+    """
+    Collect the references that tell how far from the camera a model was fitted.
+
+    Parameters
+    ----------
+    model : ScaleModel
+        The model.
+    problem : Problem
+        Its problem, as `problem_of_model` poses it.
+
+    Returns
+    -------
+    Sized
+        Its references. Of frames fitted together, whose rows say only what all found of k, those
+        of this frame that were used; none where it had none.
+    """
+    if model.shared and problem.bystanders is not None:
+        return problem.bystanders.rows(np.flatnonzero([ref.used for ref in model.references]))
+    return problem.witnesses.rows(np.flatnonzero(~problem.witnesses.firm))
+
+
+class Solved(NamedTuple):
+    """
+    The solutions of a model.
+
+    Attributes
+    ----------
+    cases : Cases
+        All of them.
+    references : Sized
+        The references that tell how far from the camera it was fitted.
+    """
+
+    cases: Cases
+    references: Sized
+
+
+def solved(model: ScaleModel) -> Solved:
     """
     Solve the problem of a model once more, with all that is not known.
 
@@ -117,7 +174,8 @@ def solved(model: ScaleModel) -> Cases:
 
     Returns
     -------
-    Cases
+    Solved
         The solutions.
     """
-    return solve_by(model.method, problem_of_model(model)[0])
+    problem = problem_of_model(model)[0]
+    return Solved(solve_by(model.method, problem), references_seen(model, problem))

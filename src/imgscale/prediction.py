@@ -18,7 +18,7 @@ from imgscale.errors import FitError
 from imgscale.estimate import SizeEstimate
 from imgscale.flags import Flag
 from imgscale.laws import LAWS
-from imgscale.lookup import look_up
+from imgscale.lookup import look_up, references_seen
 from imgscale.model import ScaleModel
 from imgscale.object_prior import SIZE_AXES
 from imgscale.observations import Observations, observe
@@ -131,7 +131,7 @@ def predict(
         detections,
         obs,
         sizes,
-        row_flags(obs, wanted, sizes, cases, shared_flags),
+        row_flags(obs, wanted, sizes, cases, references_seen(model, problem), shared_flags),
         distances(model, obs.depth, sizes, wanted.log_k, other_map=lookup.other_map),
     )
 

@@ -21,9 +21,9 @@ from imgscale.observations import Observations
 from imgscale.posing import Setting
 
 # Beyond the horizon is told where the 95 % interval reaches it.
-_TWO_STD = int(np.searchsorted(SCORES, 2.0))
+TWO_STD = int(np.searchsorted(SCORES, 2.0))
 # The central 92 % of a size's distribution.
-_LOW, _HIGH = (int(np.searchsorted(SCORES, score)) for score in (-1.75, 1.75))
+LOW, HIGH = (int(np.searchsorted(SCORES, score)) for score in (-1.75, 1.75))
 _OBJECTS_AT_ONCE = 200
 # How many times as near or far as the references' range a shift is not trusted.
 _FAR_OFF = 2.0
@@ -185,7 +185,7 @@ def _size_up(cases: Cases, wanted: Wanted) -> Sizes:
     if by_prior.any():
         quantiles[by_prior] = with_priors(cases, subjects.rows(by_prior), wanted.own[by_prior])
     # k d p of the likeliest solution is no median where others, far from it, weigh more together
-    far_off = (log_size < quantiles[:, _LOW]) | (log_size > quantiles[:, _HIGH])
+    far_off = (log_size < quantiles[:, LOW]) | (log_size > quantiles[:, HIGH])
     by_median = (_has_both(subjects) | far_off) & ~by_prior & ~np.isnan(log_size)
     median = np.where(np.isfinite(quantiles[:, MEDIAN]), quantiles[:, MEDIAN], np.nan)
     log_scale = np.where(by_median, median - subjects.log_pixels, log_scale)
@@ -219,7 +219,12 @@ def _has_both(subjects: Sized) -> BoolArray:
 
 
 def row_flags(
-    obs: Observations, wanted: Wanted, sizes: Sizes, cases: Cases, shared: Flag
+    obs: Observations,
+    wanted: Wanted,
+    sizes: Sizes,
+    cases: Cases,
+    references: Sized,
+    shared: Flag,
 ) -> list[Flag]:
     """
     Collect each row's reservations.
@@ -234,6 +239,8 @@ def row_flags(
         Their sizes.
     cases : Cases
         The solutions that they rest on.
+    references : Sized
+        The references that tell how far from the camera these were fitted.
     shared : Flag
         Reservations that hold for all.
 
@@ -251,9 +258,10 @@ def row_flags(
         Flag.PARTIAL: obs.partial,
     }
     if cases.best.shift.any() or cases.best.gap is not None:
-        columns[Flag.EXTRAPOLATED] = _extrapolated(sizes, wanted, cases)
+        own = np.log(sizes.range_per_focal) - wanted.log_k
+        columns[Flag.EXTRAPOLATED] = is_far_off(own, references, cases)
         columns[Flag.BEYOND_HORIZON] = ~np.isnan(obs.depth) & (
-            np.isnan(sizes.metres_per_pixel) | np.isposinf(sizes.quantiles_m[:, _TWO_STD])
+            np.isnan(sizes.metres_per_pixel) | np.isposinf(sizes.quantiles_m[:, TWO_STD])
         )
     return [
         shared | flags_where({flag: bool(column[row]) for flag, column in columns.items()})
@@ -261,15 +269,30 @@ def row_flags(
     ]
 
 
-def _extrapolated(sizes: Sizes, wanted: Wanted, cases: Cases) -> BoolArray:
-    """Tell which objects are more than twice as near or as far as any reference."""
-    references = cases.witnesses.rows(~cases.witnesses.firm)
-    if not references.image.size:
-        return np.zeros(sizes.size_m.size, dtype=np.bool_)
+def is_far_off(log_range: FloatArray, references: Sized, cases: Cases) -> BoolArray:
+    """
+    Tell what is more than twice as near or as far as any reference.
+
+    Parameters
+    ----------
+    log_range : (M,) ndarray of float64
+        Log of the z-depths over the focal length, for k = 1; NaN where there is none.
+    references : Sized
+        The references, none or more.
+    cases : Cases
+        The solutions.
+
+    Returns
+    -------
+    (M,) ndarray of bool
+        False everywhere without references.
+    """
     seen = log_scales(references, cases.best)[1][0]
-    own = np.log(sizes.range_per_focal) - wanted.log_k
+    seen = seen[~np.isnan(seen)]
+    if not seen.size:
+        return np.zeros(log_range.size, dtype=np.bool_)
     reach = np.log(_FAR_OFF)
-    far_off: BoolArray = (own < np.nanmin(seen) - reach) | (own > np.nanmax(seen) + reach)
+    far_off: BoolArray = (log_range < seen.min() - reach) | (log_range > seen.max() + reach)
     return far_off
 
 
@@ -307,11 +330,27 @@ def distances(
         return None if camera is None else camera.focal_px * sizes.range_per_focal
     if camera is None or other_map:
         return depth
-    # f k is the map's scale error times the focal length's: the map takes its share of it
-    map_var, focal_var = source.scale_rel_std**2, camera.focal_rel_std**2
-    share = map_var / (map_var + focal_var) if map_var else 0.0
+    share = map_share(source.scale_rel_std, camera.focal_rel_std)
     distance: FloatArray = depth * (camera.focal_px * np.exp(log_k)) ** share
     return distance
+
+
+def map_share(scale_rel_std: float, focal_rel_std: float) -> float:
+    """
+    Share out f k of metric depth: the error of the map's scale times the focal length's.
+
+    Parameters
+    ----------
+    scale_rel_std, focal_rel_std : float
+        Relative standard errors of the map's scale and of the focal length.
+
+    Returns
+    -------
+    float
+        The part of log (f k) that the map takes for an error of its own, 0 to 1.
+    """
+    map_var = scale_rel_std**2
+    return map_var / (map_var + focal_rel_std**2) if map_var else 0.0
 
 
 def gather(

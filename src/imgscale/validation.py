@@ -90,6 +90,7 @@ def leave_one_out(
     rows = obs.eligible
     _check_enough([detections[int(row)].label for row in rows], problem)
     cases = solve_by(setting.method, problem)
+    references = problem.witnesses.rows(np.flatnonzero(~problem.witnesses.firm))
     found = estimate(problem, cases)
     nobody = np.full(len(detections), -1, dtype=np.intp)  # none of them was in its own fit
     wanted = Wanted(
@@ -110,7 +111,7 @@ def leave_one_out(
         detections,
         obs,
         sizes,
-        row_flags(obs, wanted, sizes, cases, Flag(0)),
+        row_flags(obs, wanted, sizes, cases, references, Flag(0)),
         distances(setting, obs.depth, sizes, wanted.log_k),
     )
 

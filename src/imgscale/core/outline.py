@@ -19,7 +19,7 @@ class Outline(NamedTuple):
     box : tuple of float
         Its bounding box x1, y1, x2, y2, in pixels.
     corners : (P, 2) ndarray of float64
-        Corners x, y of its convex hull, in pixels.
+        Corners x, y of its convex hull in their order, in pixels.
     area_px : float
         Its area, in square pixels.
     perimeter_px : float
@@ -47,6 +47,26 @@ class Outline(NamedTuple):
         """
         upright = self.corners * np.array([1.0, stretch])
         return math.sqrt(max(float(((upright - one) ** 2).sum(axis=1).max()) for one in upright))
+
+    def longest_by_box(self, stretch: float) -> float:
+        """
+        Compute how much longer the longest extent is where the outline errs outward as a whole.
+
+        Parameters
+        ----------
+        stretch : float
+            How many columns a row is worth.
+
+        Returns
+        -------
+        float
+            Half the perimeter of the convex hull over the longest extent, 1 to pi / 2: of a
+            rectangle in any attitude, both of whose sides grow by 1, it is the diagonal's growth;
+            of others rather more than theirs.
+        """
+        upright = self.corners * np.array([1.0, stretch])
+        steps = np.roll(upright, -1, axis=0) - upright
+        return float(np.hypot(*steps.T).sum()) / (2 * self.longest(stretch))
 
 
 def outline_of_pixels(pixels: BoolArray, left: int, top: int, perimeter_px: float) -> Outline:

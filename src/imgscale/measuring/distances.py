@@ -9,13 +9,12 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imgscale._checks import as_array, check_type
+from imgscale._checks import as_flag, check_type
 from imgscale._depth_values import valid_depths
 from imgscale._typing import BoolArray, FloatArray, ImageSize
 from imgscale.camera import Camera
 from imgscale.core.mixture import MEDIAN, SCORES, half_width
 from imgscale.core.predictive import scale_under
-from imgscale.core.sighting import log_scales
 from imgscale.core.solving import Cases
 from imgscale.core.stance import Stance
 from imgscale.core.tape import Ends, Lens, length_quantiles, log_length
@@ -24,13 +23,15 @@ from imgscale.depth import DepthMap, GroundPlane, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.flags import Flag, flags_where
 from imgscale.laws import LAWS
-from imgscale.lookup import Lookup, look_up, solved
+from imgscale.lookup import Lookup, Solved, look_up, solved
+from imgscale.measuring._given import given_array
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.object_depth import object_depths
 from imgscale.posing import view_of
 from imgscale.quantity import Quantity
 from imgscale.sampling import OTHER_LOG_GAP, SURFACE_LOG_WIDTH
+from imgscale.sizing import HIGH, LOW, TWO_STD, is_far_off, map_share
 from imgscale.standing import Viewpoint, stance_of
 
 __all__ = ["distance"]
@@ -39,9 +40,6 @@ __all__ = ["distance"]
 # stands where this share of its neighbours is on its surface: a corner of a box has 4 of 9.
 _REACHES, _SUPPORT = (3.0, 8.0), 0.4
 _SAME_LOG_DEPTH = 1e-9
-# As in `predict`: the central 92 %, the 95 % interval, twice as near or far as any reference.
-_LOW, _HIGH, _TWO_STD = (int(np.searchsorted(SCORES, score)) for score in (-1.75, 1.75, 2.0))
-_FAR_OFF = math.log(2.0)
 
 
 def distance(
@@ -90,8 +88,8 @@ def distance(
     TypeError
         If an argument is of the wrong type, as `ObjectDepths` are, which know nothing of pixels.
     DepthMismatchError
-        If `depth` is of another kind or image size than the model's or, unless the kind is metric,
-        another map.
+        If `depth` is of another kind or image size than the model's, another ground plane or,
+        unless the kind is metric, another map.
 
     Notes
     -----
@@ -121,8 +119,9 @@ def distance(
     >>> print(distance(model, (300, 100), (420, 260), depth))
     2.00 +- 0.04 m
     """
-    check_type("same_object", same_object, bool)
+    check_type("same_object", as_flag(same_object), bool)
     lookup = look_up(model, depth, same_scale=same_scale)
+    lookup.check_plane()
     usable = lookup.depth
     if isinstance(usable, ObjectDepths):
         msg = (
@@ -133,11 +132,11 @@ def distance(
     size = usable.image_size
     points = np.array([_point(name, p, size) for name, p in (("p1", p1), ("p2", p2))])
     camera = _camera(model, camera, size)
-    cases = solved(model)
+    found = solved(model)
     if isinstance(usable, DepthMap):
-        seen = _depths_at(lookup, usable, points, cases, same_object=same_object)
+        seen = _depths_at(lookup, usable, points, found, same_object=same_object)
     else:
-        seen = _feet_at(model, points, cases, same_object=same_object)
+        seen = _feet_at(model, points, found, same_object=same_object)
     if not np.isfinite(seen.best).all():
         return Quantity(value=math.nan, std=math.nan, unit="m", flags=seen.flags)
     if np.array_equal(points[0], points[1]):
@@ -147,10 +146,10 @@ def distance(
     apart = bool(abs(seen.best[0] - seen.best[1]) > _SAME_LOG_DEPTH)
     if apart and camera is None and model.kind != "metric":
         raise ValueError(_focal_missing(model))
-    return _length(lookup, cases, _ends(model, points, camera, size, seen), camera, seen)
+    return _length(lookup, found.cases, _ends(model, points, camera, size, seen), camera, seen)
 
 
-def _camera(model: ScaleModel, camera: Camera | None, size: ImageSize | None) -> Camera | None:
+def _camera(model: ScaleModel, camera: Camera | None, size: ImageSize) -> Camera | None:
     """Choose the camera, and check that it belongs to the picture."""
     if camera is None:
         return model.camera
@@ -191,9 +190,9 @@ class _Points(NamedTuple):
     flags: Flag
 
 
-def _point(name: str, value: ArrayLike, size: ImageSize | None) -> tuple[float, float]:
+def _point(name: str, value: ArrayLike, size: ImageSize) -> tuple[float, float]:
     """Check a pixel."""
-    array = as_array(name, "two numbers (x, y)", value)
+    array = given_array(name, "two numbers (x, y)", value)
     if array.shape != (2,) or array.dtype.kind not in "fiu":
         msg = f"`{name}` must be two numbers (x, y) in pixels; got {value!r}."
         raise ValueError(msg)
@@ -201,7 +200,7 @@ def _point(name: str, value: ArrayLike, size: ImageSize | None) -> tuple[float, 
     if not (math.isfinite(x) and math.isfinite(y)):
         msg = f"`{name}` must be finite; got {(x, y)}."
         raise ValueError(msg)
-    if size and not (0 <= x <= size[0] and 0 <= y <= size[1]):
+    if not (0 <= x <= size[0] and 0 <= y <= size[1]):
         msg = (
             f"`{name}` must lie in the image, {size[0]} x {size[1]} px; got {(x, y)}. Pixels are "
             "(x, y), the column first."
@@ -211,10 +210,10 @@ def _point(name: str, value: ArrayLike, size: ImageSize | None) -> tuple[float, 
 
 
 def _depths_at(
-    lookup: Lookup, depth: DepthMap, points: FloatArray, cases: Cases, *, same_object: bool
+    lookup: Lookup, depth: DepthMap, points: FloatArray, found: Solved, *, same_object: bool
 ) -> _Points:
     """Look two pixels up in a map."""
-    model = lookup.model
+    model, cases = lookup.model, found.cases
     value, spread_var, mixed = _read(depth, points, model.shift)
     inverse = LAWS[model.kind].inverse_depth(value)
     told = 0.0 if model.noise.depth_rel is None else model.noise.depth_rel**2
@@ -231,7 +230,8 @@ def _depths_at(
         Flag.NO_DEPTH: bool(np.isnan(value).any()),
         Flag.MIXED_DEPTH: bool(mixed.any()),
         Flag.BEYOND_HORIZON: bool(np.isinf(best).any()),
-        Flag.EXTRAPOLATED: bool(cases.best.shift.any()) and _is_far_off(best, cases),
+        Flag.EXTRAPOLATED: bool(cases.best.shift.any())
+        and bool(is_far_off(best, found.references, cases).any()),
     }
     own = spread_var + (0.0 if same_object else of_map[:, None])
     return _Points(
@@ -305,8 +305,9 @@ def _own_depth(depth: DepthMap, place: FloatArray, shift: float) -> tuple[float,
     return (own if (off <= SURFACE_LOG_WIDTH).mean() >= _SUPPORT else math.nan), meet
 
 
-def _feet_at(model: ScaleModel, points: FloatArray, cases: Cases, *, same_object: bool) -> _Points:
+def _feet_at(model: ScaleModel, points: FloatArray, found: Solved, *, same_object: bool) -> _Points:
     """Look two points of the ground up in the fitted plane."""
+    cases = found.cases
     view = cast("Viewpoint", view_of(model))  # a ground plane has one
     both = np.zeros(2, dtype=np.bool_)
     stance = stance_of(view, np.tile(points, 2), points, both, np.zeros(2))
@@ -315,7 +316,7 @@ def _feet_at(model: ScaleModel, points: FloatArray, cases: Cases, *, same_object
     of_foot = stance.foot_var / (below**2 + stance.foot_var)
     flags = {
         Flag.BEYOND_HORIZON: bool(np.isinf(best).any()),
-        Flag.EXTRAPOLATED: _is_far_off(best, cases),
+        Flag.EXTRAPOLATED: bool(is_far_off(best, found.references, cases).any()),
     }
     relief = stance.relief_var * (not same_object)
     return _Points(
@@ -339,16 +340,6 @@ def _on_plane(stance: Stance, nuisance: Nuisance) -> tuple[FloatArray, FloatArra
     return np.where(rows > 0, gap + log_secant - np.log(below), np.inf), below
 
 
-def _is_far_off(best: FloatArray, cases: Cases) -> bool:
-    """Tell whether a point is more than twice as near or as far as any reference."""
-    references = cases.witnesses.rows(~cases.witnesses.firm)
-    if not references.image.size:
-        return False
-    seen = log_scales(references, cases.best)[1][0]
-    low, high = np.nanmin(seen) - _FAR_OFF, np.nanmax(seen) + _FAR_OFF
-    return bool(((best < low) | (best > high)).any())
-
-
 def _ends(
     model: ScaleModel, points: FloatArray, camera: Camera | None, size: ImageSize, seen: _Points
 ) -> Ends:
@@ -370,9 +361,7 @@ def _lens(lookup: Lookup, camera: Camera | None, nuisance: Nuisance) -> Lens:
     if model.kind == "metric":
         if camera is None or lookup.other_map:  # the depth is the depth, whatever k is
             return Lens(zero, -1.0, model.scale_rel_std, undone=lookup.other_map)
-        # f k is the map's scale error times the focal length's: the map takes its share of it
-        map_var, focal_var = model.scale_rel_std**2, camera.focal_rel_std**2
-        share = map_var / (map_var + focal_var) if map_var else 0.0
+        share = map_share(model.scale_rel_std, camera.focal_rel_std)
         log_focal = zero + share * math.log(camera.focal_px)
         return Lens(log_focal, share - 1.0, math.sqrt(share) * camera.focal_rel_std)
     if camera is None:  # and both at one depth
@@ -388,7 +377,8 @@ def _focal_missing(model: ScaleModel) -> str:
     if model.kind == "ground_plane":
         return (
             "`camera` must be known to measure along the view; the fit had none, and p1 and p2 are "
-            "not equally far. Give it to `fit`: fit(detections, depth, camera=Camera(focal_px, "
+            "not equally far (nor in one row, unless roll_deg=0.0, roll_std_deg=0.0 of the "
+            "GroundPlane say so). Give it to `fit`: fit(detections, depth, camera=Camera(focal_px, "
             "focal_rel_std=...))."
         )
     return (
@@ -410,9 +400,9 @@ def _length(
     lens = _lens(lookup, camera, cases.nuisance)
     quantiles = length_quantiles(scale_under(cases), ends, lens)
     # the likeliest solution's length is no median where others, far from it, weigh more together
-    if not quantiles[_LOW] <= value <= quantiles[_HIGH] and math.isfinite(quantiles[MEDIAN]):
+    if not quantiles[LOW] <= value <= quantiles[HIGH] and math.isfinite(quantiles[MEDIAN]):
         value = float(quantiles[MEDIAN])
-    beyond = Flag.BEYOND_HORIZON if np.isinf(quantiles[_TWO_STD]) else Flag(0)
+    beyond = Flag.BEYOND_HORIZON if np.isinf(quantiles[TWO_STD]) else Flag(0)
     return Quantity(
         value=value,
         std=float(half_width(quantiles[None])[0]),

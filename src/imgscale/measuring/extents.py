@@ -10,26 +10,26 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imgscale._checks import as_array
 from imgscale._depth_values import valid_depths
 from imgscale._typing import BoolArray, FloatArray, ImageSize, IntArray, SizeAxis
 from imgscale.columns import objects_of
 from imgscale.core.outline import Outline, outline_of_pixels, outline_of_polygon
 from imgscale.core.segments import Parts
 from imgscale.core.sighting import log_scales
-from imgscale.core.solving import Cases
-from imgscale.core.surface import surface_distances
-from imgscale.depth import Depth, DepthMap
+from imgscale.core.surface import Surface, surface_distances
+from imgscale.depth import Depth, DepthMap, ObjectDepths
 from imgscale.detection import Detection
 from imgscale.extent import extent_rel_std
 from imgscale.flags import Flag
 from imgscale.laws import LAWS
-from imgscale.lookup import Lookup, look_up, solved
+from imgscale.lookup import Lookup, Solved, look_up, solved
+from imgscale.measuring._given import given_array
 from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.observations import Observations, observe
 from imgscale.posing import view_of
 from imgscale.quantity import Extent, Quantity
+from imgscale.sampling import SURFACE_LOG_WIDTH
 from imgscale.sizing import Sizes, Wanted, distances, row_flags, size_up
 
 __all__ = ["extent"]
@@ -40,6 +40,9 @@ _OUTLINE_PX = 1.0
 _CHECK_PX = 256.0
 # Corners beyond this are no pixels.
 _LARGEST_PX = 1e6
+# Where more than a quarter of the pixels that somebody marked lie apart from the surface, there is
+# another one; a box, which holds background anyway, needs more. Up to 20 % areas err by 1.4 %.
+_OTHER_SHARE = 0.25
 _ROWS: tuple[SizeAxis, ...] = ("height", "width", "width", "width")
 
 
@@ -79,7 +82,7 @@ def extent(
     TypeError
         If an argument is of the wrong type.
     DepthMismatchError
-        As for `predict`.
+        As for `predict`, and if `depth` is another ground plane than the model's.
 
     Notes
     -----
@@ -89,8 +92,10 @@ def extent(
     the same depth. The area is the sum of the squares of the pixels' own metres per pixel, that of
     a silhouette that faces the camera: a surface seen at the angle A has 1 / cos A times as much.
     Pixels without depth, and those apart from the surface in depth (background that the mask took
-    along), count with the depth of the nearest pixel on it. An error of the outline moves both
-    sides of the region alike, so that its area errs by half the perimeter times `Noise.box_px`.
+    along), count with the depth of the nearest pixel on it; MIXED_DEPTH tells where these are more
+    than a quarter. An error of the outline moves both sides of the region alike, so that its area
+    errs by half the perimeter times `Noise.box_px`, and its longest extent as the diagonal of a box
+    does.
 
     A region is taken for a new object: where it was a reference, its error counts in k once more,
     and the interval is rather too wide.
@@ -111,7 +116,11 @@ def extent(
     height 1.600 +- 0.033 m, width 1.200 +- 0.026 m, longest 2.00 +- 0.04 m, area 0.96 +- 0.05 m2
     """
     lookup = look_up(model, depth, same_scale=same_scale)
+    lookup.check_plane()
     region = _region(mask_or_polygon, lookup.depth.image_size)
+    if isinstance(lookup.depth, ObjectDepths) and len(lookup.depth) != 1:
+        msg = f"`depth` must hold one value, that of the region; got {len(lookup.depth)}."
+        raise ValueError(msg)
     return extent_of(lookup, solved(model), region, lookup.depth)
 
 
@@ -133,15 +142,17 @@ class Region(NamedTuple):
 
 def _region(value: ArrayLike, size: ImageSize | None) -> Region:
     """Take a mask or a polygon."""
-    array = as_array("mask_or_polygon", "a mask (H, W) or a polygon (N, 2)", value)
+    array = given_array("mask_or_polygon", "a mask (H, W) or a polygon (N, 2)", value)
     if array.dtype == np.bool_:
         return _of_mask(array, size)
     if array.dtype.kind in "fiu" and array.ndim == 2 and array.shape[1] == 2:
         return _of_polygon(array.astype(np.float64), size)
+    remedy = "Compare a mask of numbers first: mask > 0."
+    if array.ndim == 3 and array.shape[1:] == (1, 2):
+        remedy = "Take the middle axis out of an OpenCV contour: contour[:, 0]."
     msg = (
         "`mask_or_polygon` must be a boolean mask of shape (H, W) or a polygon of shape (N, 2); "
-        f"got shape {array.shape} and dtype {array.dtype}. Compare a mask of numbers first: mask > "
-        "0."
+        f"got shape {array.shape} and dtype {array.dtype}. {remedy}"
     )
     raise TypeError(msg)
 
@@ -241,7 +252,7 @@ def _filled(corners: FloatArray, size: ImageSize | None) -> BoolArray | None:
     return np.asarray(draw.polygon2mask(size[::-1], corners[:, ::-1] - 0.5), dtype=np.bool_)
 
 
-def extent_of(lookup: Lookup, cases: Cases, region: Region, depth: Depth) -> Extent:
+def extent_of(lookup: Lookup, found: Solved, region: Region, depth: Depth) -> Extent:
     """
     Measure one region.
 
@@ -249,7 +260,7 @@ def extent_of(lookup: Lookup, cases: Cases, region: Region, depth: Depth) -> Ext
     ----------
     lookup : Lookup
         Model and depth.
-    cases : Cases
+    found : Solved
         The solutions of the model.
     region : Region
         The region.
@@ -268,14 +279,17 @@ def extent_of(lookup: Lookup, cases: Cases, region: Region, depth: Depth) -> Ext
         [detection], depth, model.priors, noise, ground=model.ground, axis="height", k=model.k
     )
     obs = lookup.with_errors(_four(obs))
-    obs.inverse_depth[3] = _mean_inverse(lookup, region.mask, float(obs.inverse_depth[0]))
+    surface = _surface(lookup, region.mask, float(obs.inverse_depth[0]))
+    if surface:  # the area as though it were all in one plane
+        obs.inverse_depth[3] = float((surface.distance**2).mean()) ** -0.5 - model.shift
+        obs = obs._replace(mixed=obs.mixed | (surface.share < 1 - _OTHER_SHARE))
     # a tilted camera shows heights shorter than widths
-    logs = log_scales(objects_of(obs, view_of(model)), cases.best)[0][0]
+    logs = log_scales(objects_of(obs, view_of(model)), found.cases.best)[0][0]
     stretch = math.exp(logs[0] - logs[1]) if np.isfinite(logs[:2]).all() else 1.0
     obs = _with_pixels(obs, region.outline, stretch, noise)
     wanted = _wanted(model, obs)
-    sizes = size_up(cases, wanted)
-    flags = row_flags(obs, wanted, sizes, cases, Flag(0))
+    sizes = size_up(found.cases, wanted)
+    flags = row_flags(obs, wanted, sizes, found.cases, found.references, Flag(0))
     z_m = distances(model, obs.depth, sizes, wanted.log_k, other_map=lookup.other_map)
     return Extent(
         height=_quantity(sizes, 0, flags),
@@ -308,8 +322,9 @@ def _with_pixels(obs: Observations, outline: Outline, stretch: float, noise: Noi
     root = math.sqrt(stretch * outline.area_px)
     pixels = np.array([y2 - y1, x2 - x1, outline.longest(stretch), root])
     box_var = extent_rel_std(pixels, noise.box_px, noise.box_rel) ** 2
+    of_longest = noise.box_px * outline.longest_by_box(stretch) / pixels[2]
     of_root = noise.box_px * outline.perimeter_px / outline.area_px / 4
-    box_var[3] = of_root**2 + noise.box_rel**2
+    box_var[2:] = np.array([of_longest, of_root]) ** 2 + noise.box_rel**2
     return obs._replace(pixels=pixels, box_var=box_var)
 
 
@@ -356,18 +371,18 @@ def _squared(root: Quantity) -> Quantity:
     )
 
 
-def _mean_inverse(lookup: Lookup, mask: BoolArray | None, surface: float) -> float:
-    """Find the inverse depth at which the region would have its area in one plane."""
+def _surface(lookup: Lookup, mask: BoolArray | None, inverse_depth: float) -> Surface | None:
+    """Take the distances of the region's pixels, from a surface at an inverse depth on."""
     depth, shift = lookup.depth, lookup.model.shift
-    if not isinstance(depth, DepthMap) or mask is None or not surface + shift > 0:
-        return surface
+    if not isinstance(depth, DepthMap) or mask is None or not inverse_depth + shift > 0:
+        return None
     window = _window(mask)
     law, values = LAWS[depth.kind], _values_at(depth, window)
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = law.relative_distance(values, shift)
     distance = np.where(valid_depths(values, depth.kind), distance, np.nan)
-    found = surface_distances(distance, mask[window], -math.log(surface + shift))
-    return surface if found is None else float((found**2).mean()) ** -0.5 - shift
+    log_surface = -math.log(inverse_depth + shift)
+    return surface_distances(distance, mask[window], log_surface, SURFACE_LOG_WIDTH)
 
 
 def _window(mask: BoolArray) -> tuple[slice, slice]:

@@ -10,13 +10,14 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from imgscale._checks import as_array, check_choice, check_iterable
+from imgscale._checks import check_choice, check_iterable
 from imgscale._format import PER_METRE
 from imgscale._typing import ImageSize
 from imgscale.depth import Depth, ObjectDepths
 from imgscale.estimate import central_scores
 from imgscale.flags import flag_names
 from imgscale.lookup import look_up, solved
+from imgscale.measuring._given import given_array
 from imgscale.measuring.extents import extent_of, region_of_pixels
 from imgscale.model import ScaleModel
 from imgscale.quantity import Extent, Quantity
@@ -71,7 +72,7 @@ def regionprops_table(
     TypeError
         If an argument is of the wrong type.
     DepthMismatchError
-        As for `predict`.
+        As for `extent`.
 
     Examples
     --------
@@ -93,6 +94,7 @@ def regionprops_table(
     check_choice("unit", unit, tuple(PER_METRE))
     central_scores(level)  # without regions nobody else would look at it
     lookup = look_up(model, depth, same_scale=same_scale)
+    lookup.check_plane()
     labels = _labels(label_image, lookup.depth.image_size)
     measure: Any = ski.measure  # untyped there
     numbers, labels = _compact(labels)
@@ -100,10 +102,10 @@ def regionprops_table(
     table: dict[str, NDArray[Any]] = _pixel_columns(measure, labels, properties)
     if "label" in table:
         table["label"] = numbers
-    cases = solved(model)
+    solutions = solved(model)
     depths = _one_by_one(lookup.depth, len(props))
     found = [
-        extent_of(lookup, cases, region_of_pixels(part, labels.shape), own)
+        extent_of(lookup, solutions, region_of_pixels(part, labels.shape), own)
         for part, own in zip(props, depths, strict=True)
     ]
     return table | _metre_columns(found, unit, level)
@@ -111,7 +113,7 @@ def regionprops_table(
 
 def _labels(value: ArrayLike, size: ImageSize | None) -> NDArray[Any]:
     """Check a label image."""
-    array = as_array("label_image", "an array of shape (H, W)", value)
+    array = given_array("label_image", "an array of shape (H, W)", value)
     if array.dtype.kind not in "iu":
         msg = (
             f"`label_image` must hold integers, 0 for the background; got dtype {array.dtype}. "
