@@ -149,7 +149,7 @@ def test_a_polygon_and_its_pixels_measure_alike(x, y, length, breadth, angle):
     pixel = 5.0 / FOCAL
     for name in ("height", "width", "longest"):
         a, b = (getattr(item, name).value for item in (outlined, counted))
-        assert abs(a - b) < 1.7 * pixel
+        assert abs(a - b) < 2 * pixel  # a corner ends up to a pixel beyond the last centre
     assert abs(outlined.area.value - counted.area.value) < (length + breadth) * pixel**2
     # the order of the corners and where they begin do not matter
     again = extent(model, np.roll(polygon[::-1], 1, axis=0), depth)

@@ -290,7 +290,7 @@ def log_interval(value: float, std: float, level: float) -> tuple[float, float]:
         If the level is no probability.
     """
     _, score = central_scores(level)
-    if math.isnan(value):
+    if math.isnan(value) or math.isnan(std):
         return (math.nan, math.nan)
     if std == 0:
         return (value, value)
