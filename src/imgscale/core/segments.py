@@ -125,6 +125,9 @@ class LogFit(NamedTuple):
         disagree.
     share : (N,) ndarray of float64
         Share of each reference in log k; they sum to 1 in every image.
+    disagree : (n_images,) ndarray of bool or None
+        True where the references disagree by much more than their errors; None where that was not
+        asked.
     """
 
     log_k: FloatArray
@@ -132,6 +135,7 @@ class LogFit(NamedTuple):
     trust: FloatArray
     weight: FloatArray
     share: FloatArray
+    disagree: BoolArray | None = None
 
 
 class Subjects(NamedTuple):

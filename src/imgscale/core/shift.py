@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from imgscale._typing import FloatArray
-from imgscale.core.estimator import fit_robust, tukey
+from imgscale.core.blocks import trusted
+from imgscale.core.estimator import fit_robust
 from imgscale.core.evidence import robust_evidence
 from imgscale.core.segments import LogObservations, sum_by
 from imgscale.core.sighting import observe_under
@@ -203,7 +204,7 @@ def _step(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """One step of log k and log c, at most 1 long, and the standard error of log c."""
     residual = obs.y - log_k[obs.image]
-    weight = tukey(residual / obs.total_std) / obs.variance
+    weight = trusted(residual, obs.variance + obs.tau**2, None) / obs.variance
     image, tau = obs.of_groups()
     shrink = tau**2 / (1 + tau**2 * sum_by(obs.group, weight))
 

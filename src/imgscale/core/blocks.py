@@ -1,0 +1,320 @@
+"""
+Robust estimates for many images of as many references each, side by side.
+
+The arrays are (q, m): q references down, m images across. One image is a block of one column, a
+batch is cut into blocks that fit into the processor's cache; see `imgscale.core.estimator`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from imgscale._typing import BoolArray, FloatArray, IntArray
+from imgscale.core.ordering import column_medians, weighted_column_medians
+
+# Tukey's biweight: 95 % as efficient as least squares where the noise is Gaussian.
+TUKEY_C = 4.685
+# Makes the median absolute deviation estimate a standard deviation.
+_MAD_TO_STD = 1.4826
+# Median absolute deviations, in standard errors, from which on the result is widened and from which
+# on it is reported: two sound references reach them in 6 and 2 of 100 images, more in fewer.
+_WIDEN_MAD = 2.0
+_REPORT_MAD = 2.5
+# Steps of the secant method, after which plain re-weighting goes on; in all.
+_SECANT_STEPS, _MAX_STEPS = 20, 120
+# A step by the secant is at most five times that of re-weighting.
+_FLATTEST = 0.2
+# Steps after which the few images that need more go on by themselves.
+_FEW_STEPS = 4
+# A step this small, in standard errors of log k, is the last: the next would be its square.
+_LAST_STEP, _LAST_PLAIN_STEP = 1e-8, 1e-12
+# Blocks with fewer columns sum their labels by counting, wider ones row by row.
+_WIDE = 64
+
+
+class Block(NamedTuple):
+    """
+    References of m images, q of each.
+
+    Attributes
+    ----------
+    y : (q, m) ndarray of float64
+        Log k as each reference alone gives it.
+    variance : (q, m) ndarray of float64
+        Variance of its own noise.
+    tau : (q, m) ndarray of float64
+        Standard deviation of its label's shared offset.
+    group : (q, m) ndarray of int
+        Label of each within its image; those of one label are neighbours.
+    firm : (q, m) ndarray of bool or None
+        Witnesses that are never rejected or widened; None where there are none.
+    """
+
+    y: FloatArray
+    variance: FloatArray
+    tau: FloatArray
+    group: IntArray
+    firm: BoolArray | None = None
+
+    def columns(self, columns: IntArray) -> Block:
+        """
+        Take some images.
+
+        Parameters
+        ----------
+        columns : (n,) ndarray of int
+            Which.
+
+        Returns
+        -------
+        Block
+            The images.
+        """
+        firm = None if self.firm is None else self.firm[:, columns]
+        y, variance, tau, group = (column[:, columns] for column in self[:4])
+        return Block(y, variance, tau, group, firm)
+
+
+class BlockFit(NamedTuple):
+    """
+    Estimates of log k for a block.
+
+    Attributes
+    ----------
+    log_k, log_std : (m,) ndarray of float64
+        The estimates and their standard errors.
+    disagree : (m,) ndarray of bool
+        True where the median absolute deviation exceeds 2.5 standard errors.
+    trust, weight, share : (q, m) ndarray of float64
+        As in `imgscale.core.segments.LogFit`.
+    """
+
+    log_k: FloatArray
+    log_std: FloatArray
+    disagree: BoolArray
+    trust: FloatArray
+    weight: FloatArray
+    share: FloatArray
+
+
+def fit_block(block: Block) -> BlockFit:
+    """
+    Estimate log k of every image of a block.
+
+    Parameters
+    ----------
+    block : Block
+        The references.
+
+    Returns
+    -------
+    BlockFit
+        The estimates; see `imgscale.core.estimator.fit_robust`.
+    """
+    seen = scatter(block)
+    total, excess = seen.total, seen.excess
+    if excess is not None:
+        more = excess if block.firm is None else np.where(block.firm, 0.0, excess)
+        block, total = block._replace(variance=block.variance + more), total + more
+    groups = _Groups(block.group, block.tau**2)
+    log_k = _Ascent(block, total, groups).climb(seen.centre)
+    trust = trusted(block.y - log_k, total, block.firm)
+    weight = trust / block.variance
+    of_group = groups.total(weight.copy())
+    reduced = groups.reduced / (1 + of_group * groups.square)
+    information: FloatArray = np.add.reduce(of_group * reduced, axis=0)
+    share = weight * groups.spread(reduced / information)
+    by_group = of_group * reduced / information
+    spread = np.add.reduce(share**2 * block.variance, axis=0)
+    spread += np.add.reduce(by_group**2 * groups.square, axis=0)
+    return BlockFit(log_k, np.sqrt(spread), seen.disagree, trust, weight, share)
+
+
+def trusted(residual: FloatArray, variance: FloatArray, firm: BoolArray | None) -> FloatArray:
+    """
+    Weigh residuals by Tukey's biweight.
+
+    Parameters
+    ----------
+    residual : (q, m) ndarray of float
+        Observed minus estimated log k.
+    variance : (q, m) ndarray of float
+        Its variance.
+    firm : (q, m) ndarray of bool or None
+        Witnesses that are always believed.
+
+    Returns
+    -------
+    (q, m) ndarray of float64
+        ``(1 - r^2 / (4.685^2 v))^2``, 0 beyond 4.685 standard errors.
+    """
+    inside = np.maximum(1 - residual**2 / (TUKEY_C**2 * variance), 0.0)
+    trust: FloatArray = inside * inside
+    return trust if firm is None else np.where(firm, 1.0, trust)
+
+
+class Scatter(NamedTuple):
+    """
+    How far the references of a block are apart.
+
+    Attributes
+    ----------
+    centre : (m,) ndarray of float64
+        Weighted median of each image.
+    total : (q, m) ndarray of float64
+        Variance of each reference with that of its label's offset.
+    excess : (m,) ndarray of float64 or None
+        Variance, common to an image's references, beyond their errors:
+        ``M^2 (1 - (2 / m)^2)`` where m, the median absolute deviation in standard errors, exceeds
+        2; M is that of the logarithms. None where no image has one.
+    disagree : (m,) ndarray of bool
+        True where m exceeds 2.5.
+    """
+
+    centre: FloatArray
+    total: FloatArray
+    excess: FloatArray | None
+    disagree: BoolArray
+
+
+def scatter(block: Block) -> Scatter:
+    """
+    Measure how far the references are apart.
+
+    Parameters
+    ----------
+    block : Block
+        The references.
+
+    Returns
+    -------
+    Scatter
+        One column for each image.
+    """
+    total = block.variance + block.tau**2
+    centre = weighted_column_medians(block.y, 1 / total)
+    deviation = np.abs(block.y - centre)
+    relative = _MAD_TO_STD * column_medians(deviation / np.sqrt(total))
+    beyond = relative > _WIDEN_MAD
+    if not beyond.any():
+        return Scatter(centre, total, None, beyond)
+    wide = np.flatnonzero(beyond)
+    raw = _MAD_TO_STD * column_medians(deviation[:, wide])
+    excess = np.zeros(centre.size)
+    excess[wide] = raw**2 * (1 - (_WIDEN_MAD / relative[wide]) ** 2)
+    return Scatter(centre, total, excess, relative > _REPORT_MAD)
+
+
+class _Groups:
+    """The labels of a block, for sums over the references of one label."""
+
+    def __init__(self, group: IntArray, square: FloatArray) -> None:
+        size, width = group.shape
+        same = group[1:] == group[:-1]
+        self.alone = not same.any()
+        self.narrow = width < _WIDE
+        # 1 where a label's total stands, 0 elsewhere
+        self.reduced: FloatArray | float = 1.0
+        self.square = square
+        if self.alone:
+            return
+        if self.narrow:
+            slot = np.zeros(group.shape, dtype=np.intp)
+            np.cumsum(~same, axis=0, out=slot[1:])
+            self._place = (slot * width + np.arange(width)).ravel()
+            self.square = np.zeros(group.shape)
+            self.square.ravel()[self._place] = square.ravel()
+            return
+        self.reduced = np.ones(group.shape)
+        np.subtract(1.0, same, out=self.reduced[:-1])
+        self._same = same.astype(np.float64)
+        self._joined = [row for row in range(size - 1) if same[row].any()]
+
+    def total(self, rows: FloatArray) -> FloatArray:
+        """Sum over each label, in place where that is faster; where `reduced` is 0 stand parts of sums."""
+        if self.alone:
+            return rows
+        if self.narrow:
+            total: FloatArray = np.bincount(self._place, rows.ravel(), rows.size)
+            return total.reshape(rows.shape)
+        for row in self._joined:
+            rows[row + 1] += self._same[row] * rows[row]
+        return rows
+
+    def spread(self, totals: FloatArray) -> FloatArray:
+        """Tell every reference what stands at its label's total, and is 0 elsewhere."""
+        if self.alone:
+            return totals
+        if self.narrow:
+            return totals.ravel()[self._place].reshape(totals.shape)
+        for row in reversed(self._joined):
+            totals[row] += self._same[row] * totals[row + 1]
+        return totals
+
+
+class _Ascent:
+    """Re-weighted least squares, accelerated by the secant method."""
+
+    def __init__(self, block: Block, total: FloatArray, groups: _Groups) -> None:
+        self.block, self.total, self.groups = block, total, groups
+        self.precision = 1 / block.variance
+        self.cut = 1 / (TUKEY_C**2 * total)
+        self._scratch = np.empty((3, *total.shape))
+
+    def climb(self, log_k: FloatArray) -> FloatArray:
+        """Follow the gradient to where it vanishes."""
+        gradient, curvature = self._slope(log_k)
+        step = gradient / curvature
+        for number in range(_MAX_STEPS):
+            log_k = log_k + step
+            before = gradient
+            gradient, curvature = self._slope(log_k)
+            plain = gradient / curvature
+            change = (before - gradient) * step
+            # a secant not much flatter than re-weighting supposes, or it would jump too far
+            steep = change > _FLATTEST * curvature * step**2
+            sound = steep if number < _SECANT_STEPS else np.zeros_like(steep)
+            step = np.where(sound, gradient / np.where(sound, change, 1.0) * step**2, plain)
+            limit = np.where(sound, _LAST_STEP, _LAST_PLAIN_STEP)
+            on_way = np.abs(step) * np.sqrt(curvature) > limit
+            left = np.count_nonzero(on_way)
+            if not left:
+                break
+            if number >= _FEW_STEPS and 4 * left < on_way.size:
+                rest = np.flatnonzero(on_way)
+                log_k = log_k + step
+                log_k[rest] = self._columns(rest).climb(log_k[rest])
+                return log_k
+        return log_k + step
+
+    def _columns(self, columns: IntArray) -> _Ascent:
+        block = self.block.columns(columns)
+        groups = _Groups(block.group, block.tau**2)
+        return _Ascent(block, self.total[:, columns], groups)
+
+    def _slope(self, log_k: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient by log k, and the curvature that re-weighting takes for it."""
+        residual, weight, reduced = self._scratch
+        np.subtract(self.block.y, log_k, out=residual)
+        np.multiply(residual, residual, out=weight)
+        np.multiply(weight, self.cut, out=weight)
+        np.subtract(1.0, weight, out=weight)
+        np.maximum(weight, 0.0, out=weight)
+        if self.block.firm is not None:
+            weight[self.block.firm] = 1.0
+        np.multiply(weight, weight, out=weight)
+        np.multiply(weight, self.precision, out=weight)
+        np.multiply(residual, weight, out=residual)
+        groups = self.groups
+        of_group = groups.total(weight)
+        np.multiply(of_group, groups.square, out=reduced)
+        np.add(reduced, 1.0, out=reduced)
+        np.divide(groups.reduced, reduced, out=reduced)
+        np.multiply(of_group, reduced, out=of_group)
+        curvature: FloatArray = np.add.reduce(of_group, axis=0)
+        pull = groups.total(residual)
+        np.multiply(pull, reduced, out=pull)
+        gradient: FloatArray = np.add.reduce(pull, axis=0)
+        return gradient, curvature
