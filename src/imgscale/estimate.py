@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 
 import attrs
+import numpy as np
 
 from imgscale._checks import as_float, is_between, nan_as_none, number_error
 from imgscale._format import PER_METRE, digits_for, with_error
 from imgscale._html import Column, Markup, name_of, table
-from imgscale._typing import SizeAxis
+from imgscale._typing import FloatArray, SizeAxis
 from imgscale.core.mixture import LARGEST_SCORE
 from imgscale.flags import Flag, flag_names, flag_words
 
@@ -264,6 +265,35 @@ def quantile(quantiles_m: Sequence[float], score: float) -> float:
     if low == 0:  # below all numbers
         return high if place == index + 1 else low
     return float(low * (high / low) ** (place - index))
+
+
+def quantile_columns(quantiles_m: FloatArray, score: float) -> tuple[FloatArray, FloatArray]:
+    """
+    Read the ends of central intervals off many tables, as `quantile` does off one.
+
+    Parameters
+    ----------
+    quantiles_m : (N, S) ndarray of float
+        One table in each row, in metres.
+    score : float
+        Standard score of the upper end, positive.
+
+    Returns
+    -------
+    low, high : (N,) ndarray of float64
+        The ends, in metres; NaN where the table is.
+    """
+    last = quantiles_m.shape[1] - 1
+    ends: list[FloatArray] = []
+    for wanted in (-score, score):
+        place = (wanted / LARGEST_SCORE + 1) / 2 * last
+        index = min(max(math.floor(place), 0), last - 1)
+        low, high = quantiles_m[:, index], quantiles_m[:, index + 1]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            between = low * (high / low) ** (place - index)
+        between = np.where(low == 0, high if place == index + 1 else low, between)
+        ends.append(np.where(np.isposinf(high), low if place == index else high, between))
+    return ends[0], ends[1]
 
 
 def log_interval(value: float, std: float, level: float) -> tuple[float, float]:

@@ -38,7 +38,7 @@ UNITS: dict[UnitCause, float] = {
 _UNIT_Z, _UNIT_TOLERANCE = 2.6, 0.25
 # The focal length of most photos, in units of the longer image side, within a factor of 4.
 _USUAL_FOCAL, _USUAL_FACTOR = 0.8, 4.0
-_LARGEST_PHOTO_PX = 20_000.0
+LARGEST_PHOTO_PX = 20_000.0
 _RANGE = PLAUSIBLE_FOCAL[1] / PLAUSIBLE_FOCAL[0]
 
 
@@ -131,7 +131,7 @@ def plausible_focal(
         smallest = largest = float(max(image_size))
     else:
         smallest = max((max(ref.xyxy) for ref in references), default=0.0)
-        largest = max(smallest, _LARGEST_PHOTO_PX)
+        largest = max(smallest, LARGEST_PHOTO_PX)
     return PLAUSIBLE_FOCAL[0] * smallest, PLAUSIBLE_FOCAL[1] * largest
 
 

@@ -20,6 +20,7 @@ from imgscale.columns import (
     shared_witnesses,
     with_firm,
 )
+from imgscale.core.blocks import REPORT_SCATTER
 from imgscale.core.closed_form import least_squares, mean_ratio
 from imgscale.core.estimator import log_k_std
 from imgscale.core.segments import LogFit
@@ -41,7 +42,7 @@ from imgscale.shared_scale import SharedScale
 from imgscale.standing import Viewpoint, scene_of, viewpoint
 
 # Inverse depths that differ by less, relative to the largest, are rounding of one.
-_SAME_DEPTH = 1e-9
+SAME_DEPTH = 1e-9
 
 
 class Setting(NamedTuple):
@@ -260,7 +261,7 @@ def check_separable(inverse_depth: FloatArray) -> None:
         If there are fewer than two different ones.
     """
     spread = float(np.ptp(inverse_depth))
-    if spread <= _SAME_DEPTH * float(np.abs(inverse_depth).max()):
+    if spread <= SAME_DEPTH * float(np.abs(inverse_depth).max()):
         msg = (
             "`detections` must hold at least two references at different depths to fit the scale "
             f"and the shift of an inverse depth; got {inverse_depth.size} at "
@@ -323,6 +324,7 @@ def solve_by(method: FitMethod, problem: Problem) -> Cases:
         trust=np.ones_like(share),
         weight=1 / log_obs.variance,
         share=share,
+        disagree=np.array([scatter > REPORT_SCATTER**2]),
     )
     return closed_form_cases(witnesses, nuisance, fit)
 

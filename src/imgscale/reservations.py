@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from imgscale.camera import Camera
 from imgscale.conflicts import Conflict, conflicts
 from imgscale.core.solving import Estimate, Problem
@@ -19,8 +17,6 @@ from imgscale.posing import Setting, camera_counts, problem_of, view_of
 from imgscale.prior_choice import mean_key
 from imgscale.reference import OUTLIER, Reference
 from imgscale.standing import scene_of
-
-_SCATTER_Z = 2.0
 
 
 def reservations(
@@ -68,9 +64,7 @@ def reservations(
             Flag.SINGLE_LABEL: count > 1 and len(labels) == 1 and not has_camera,
             Flag.OUTLIERS: any(ref.reason == OUTLIER for ref in references),
             Flag.INCONSISTENT: (
-                bool(found.inconsistent[0])
-                or _scattered(references, setting)
-                or bool(setting.shared and setting.shared.inconsistent)
+                bool(found.inconsistent[0]) or bool(setting.shared and setting.shared.inconsistent)
             ),
             Flag.CAMERA_CONFLICT: bool(_conflicts(detections, obs, setting)),
             Flag.IMPLAUSIBLE_FOCAL: _implausible_focal(references, found, setting),
@@ -87,13 +81,6 @@ def _assumed_horizon(found: Estimate, setting: Setting) -> bool:
         return False
     scene = scene_of(view)
     return not scene.is_given and float(found.plane.horizon_std[0]) > scene.horizon_std / 2
-
-
-def _scattered(references: Sequence[Reference], setting: Setting) -> bool:
-    """Tell whether references that nothing rejected are scattered by twice their errors."""
-    z_scores = np.array([ref.z_score for ref in references if ref.used])
-    rejects = setting.method in {"posterior", "robust"}
-    return not rejects and z_scores.size > 1 and float(np.mean(z_scores**2)) > _SCATTER_Z**2
 
 
 def _conflicts(

@@ -26,7 +26,7 @@ TWO_STD = int(np.searchsorted(SCORES, 2.0))
 LOW, HIGH = (int(np.searchsorted(SCORES, score)) for score in (-1.75, 1.75))
 _OBJECTS_AT_ONCE = 200
 # How many times as near or far as the references' range a shift is not trusted.
-_FAR_OFF = 2.0
+FAR_OFF = 2.0
 
 
 class Wanted(NamedTuple):
@@ -291,7 +291,7 @@ def is_far_off(log_range: FloatArray, references: Sized, cases: Cases) -> BoolAr
     seen = seen[~np.isnan(seen)]
     if not seen.size:
         return np.zeros(log_range.size, dtype=np.bool_)
-    reach = np.log(_FAR_OFF)
+    reach = np.log(FAR_OFF)
     far_off: BoolArray = (log_range < seen.min() - reach) | (log_range > seen.max() + reach)
     return far_off
 

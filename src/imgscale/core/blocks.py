@@ -7,7 +7,7 @@ batch is cut into blocks that fit into the processor's cache; see `imgscale.core
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,14 +22,16 @@ _MAD_TO_STD = 1.4826
 # on it is reported: two sound references reach them in 6 and 2 of 100 images, more in fewer.
 _WIDEN_MAD = 2.0
 _REPORT_MAD = 2.5
+# The same for estimates that reject nothing: the root of chi-square over its degrees of freedom.
+REPORT_SCATTER = 2.0
 # Steps of the secant method, after which plain re-weighting goes on; in all.
-_SECANT_STEPS, _MAX_STEPS = 20, 120
-# A step by the secant is at most five times that of re-weighting.
-_FLATTEST = 0.2
+_SECANT_STEPS, _MAX_STEPS = 40, 140
+# A step by the secant is at most three times that of re-weighting, later fifty times.
+_FLATTEST = (0.3, 0.02)
 # Steps after which the few images that need more go on by themselves.
 _FEW_STEPS = 4
 # A step this small, in standard errors of log k, is the last: the next would be its square.
-_LAST_STEP, _LAST_PLAIN_STEP = 1e-8, 1e-12
+_LAST_STEP, _LAST_PLAIN_STEP = 1e-9, 1e-12
 # Blocks with fewer columns sum their labels by counting, wider ones row by row.
 _WIDE = 64
 
@@ -73,8 +75,8 @@ class Block(NamedTuple):
             The images.
         """
         firm = None if self.firm is None else self.firm[:, columns]
-        y, variance, tau, group = (column[:, columns] for column in self[:4])
-        return Block(y, variance, tau, group, firm)
+        parts: list[Any] = [*(column[:, columns] for column in self[:4]), firm]
+        return Block(*parts)
 
 
 class BlockFit(NamedTuple):
@@ -130,6 +132,43 @@ def fit_block(block: Block) -> BlockFit:
     spread = np.add.reduce(share**2 * block.variance, axis=0)
     spread += np.add.reduce(by_group**2 * groups.square, axis=0)
     return BlockFit(log_k, np.sqrt(spread), seen.disagree, trust, weight, share)
+
+
+def share_out(block: Block, log_k: FloatArray, share: FloatArray) -> BlockFit:
+    """
+    Complete an estimate in closed form, whose references are all believed.
+
+    Parameters
+    ----------
+    block : Block
+        The references.
+    log_k : (m,) ndarray of float
+        The estimate.
+    share : (q, m) ndarray of float
+        Share of each reference in it.
+
+    Returns
+    -------
+    BlockFit
+        Its error is the declared one or, where that is more, the scatter: the root of chi-square
+        over q - 1. References disagree where that is twice their errors.
+    """
+    chi2: FloatArray = np.add.reduce(
+        (block.y - log_k) ** 2 / (block.variance + block.tau**2), axis=0
+    )
+    scatter2 = np.maximum(chi2 / max(len(share) - 1, 1), 1.0)
+    groups = _Groups(block.group, block.tau**2)
+    by_group = groups.total(share.copy()) * groups.reduced
+    spread = np.add.reduce(share**2 * block.variance, axis=0)
+    spread += np.add.reduce(by_group**2 * groups.square, axis=0)
+    return BlockFit(
+        log_k=log_k,
+        log_std=np.sqrt(scatter2 * spread),
+        disagree=scatter2 > REPORT_SCATTER**2,
+        trust=np.ones_like(share),
+        weight=1 / block.variance,
+        share=share,
+    )
 
 
 def trusted(residual: FloatArray, variance: FloatArray, firm: BoolArray | None) -> FloatArray:
@@ -221,8 +260,8 @@ class _Groups:
         if self.alone:
             return
         if self.narrow:
-            slot = np.zeros(group.shape, dtype=np.intp)
-            np.cumsum(~same, axis=0, out=slot[1:])
+            slot: IntArray = np.zeros(group.shape, dtype=np.intp)
+            slot[1:] = np.cumsum(~same, axis=0)
             self._place = (slot * width + np.arange(width)).ravel()
             self.square = np.zeros(group.shape)
             self.square.ravel()[self._place] = square.ravel()
@@ -233,12 +272,12 @@ class _Groups:
         self._joined = [row for row in range(size - 1) if same[row].any()]
 
     def total(self, rows: FloatArray) -> FloatArray:
-        """Sum over each label, in place where that is faster; where `reduced` is 0 stand parts of sums."""
+        """Sum over each label, in place or not; where `reduced` is 0 stand parts of sums."""
         if self.alone:
             return rows
         if self.narrow:
-            total: FloatArray = np.bincount(self._place, rows.ravel(), rows.size)
-            return total.reshape(rows.shape)
+            total = np.bincount(self._place, rows.ravel(), rows.size)
+            return np.asarray(total, dtype=np.float64).reshape(rows.shape)
         for row in self._joined:
             rows[row + 1] += self._same[row] * rows[row]
         return rows
@@ -248,7 +287,8 @@ class _Groups:
         if self.alone:
             return totals
         if self.narrow:
-            return totals.ravel()[self._place].reshape(totals.shape)
+            spread: FloatArray = totals.ravel()[self._place].reshape(totals.shape)
+            return spread
         for row in reversed(self._joined):
             totals[row] += self._same[row] * totals[row + 1]
         return totals
@@ -263,19 +303,19 @@ class _Ascent:
         self.cut = 1 / (TUKEY_C**2 * total)
         self._scratch = np.empty((3, *total.shape))
 
-    def climb(self, log_k: FloatArray) -> FloatArray:
-        """Follow the gradient to where it vanishes."""
+    def climb(self, log_k: FloatArray, first: int = 0) -> FloatArray:
+        """Follow the gradient to where it vanishes; `first` steps have been made."""
         gradient, curvature = self._slope(log_k)
         step = gradient / curvature
-        for number in range(_MAX_STEPS):
+        for number in range(first, _MAX_STEPS):
             log_k = log_k + step
             before = gradient
             gradient, curvature = self._slope(log_k)
             plain = gradient / curvature
             change = (before - gradient) * step
-            # a secant not much flatter than re-weighting supposes, or it would jump too far
-            steep = change > _FLATTEST * curvature * step**2
-            sound = steep if number < _SECANT_STEPS else np.zeros_like(steep)
+            # a secant that is flat leads far, which is safe near the end alone
+            flattest = _FLATTEST[number >= _FEW_STEPS] * curvature * step**2
+            sound = change > flattest if number < _SECANT_STEPS else np.zeros_like(change, bool)
             step = np.where(sound, gradient / np.where(sound, change, 1.0) * step**2, plain)
             limit = np.where(sound, _LAST_STEP, _LAST_PLAIN_STEP)
             on_way = np.abs(step) * np.sqrt(curvature) > limit
@@ -285,7 +325,7 @@ class _Ascent:
             if number >= _FEW_STEPS and 4 * left < on_way.size:
                 rest = np.flatnonzero(on_way)
                 log_k = log_k + step
-                log_k[rest] = self._columns(rest).climb(log_k[rest])
+                log_k[rest] = self._columns(rest).climb(log_k[rest], number)
                 return log_k
         return log_k + step
 

@@ -13,58 +13,60 @@ from numpy.typing import ArrayLike
 from imgscale._typing import FloatArray
 
 
-def mean_ratio(x: ArrayLike, y: ArrayLike) -> tuple[float, FloatArray]:
+def mean_ratio(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """
     Average the objects' own k (section 3 of the paper, figure 3.14).
 
     Parameters
     ----------
-    x : (N,) array_like of float
-        Depth times pixels, ``d * p``, positive.
-    y : (N,) array_like of float
+    x : (N, ...) array_like of float
+        Depth times pixels, ``d * p``, positive, of N objects of one image or of several.
+    y : (N, ...) array_like of float
         Known sizes H, in metres, positive.
 
     Returns
     -------
-    k : float
+    k : (...) ndarray of float64
         ``mean(H / (d p))``.
-    shares : (N,) ndarray of float
+    shares : (N, ...) ndarray of float64
         How much of k each object gave, ``dlog(k) / dlog(k_i)``; they sum to 1.
 
     Examples
     --------
     >>> k, shares = mean_ratio([100.0, 100.0], [1.0, 3.0])
-    >>> k, shares.tolist()
+    >>> float(k), shares.tolist()
     (0.02, [0.25, 0.75])
     """
     own_k = np.asarray(y, dtype=np.float64) / np.asarray(x, dtype=np.float64)
-    return float(own_k.mean()), own_k / own_k.sum()
+    total: FloatArray = np.add.reduce(own_k, axis=0)
+    return total / len(own_k), own_k / total
 
 
-def least_squares(x: ArrayLike, y: ArrayLike) -> tuple[float, FloatArray]:
+def least_squares(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """
     Fit ``H = k * d * p`` by ordinary least squares through the origin.
 
     Parameters
     ----------
-    x : (N,) array_like of float
-        Depth times pixels, ``d * p``, positive.
-    y : (N,) array_like of float
+    x : (N, ...) array_like of float
+        Depth times pixels, ``d * p``, positive, of N objects of one image or of several.
+    y : (N, ...) array_like of float
         Known sizes H, in metres, positive.
 
     Returns
     -------
-    k : float
+    k : (...) ndarray of float64
         ``sum(x y) / sum(x^2)``.
-    shares : (N,) ndarray of float
+    shares : (N, ...) ndarray of float64
         How much of k each object gave, ``dlog(k) / dlog(k_i)``; they sum to 1.
 
     Examples
     --------
     >>> k, shares = least_squares([100.0, 200.0], [2.0, 4.0])
-    >>> k, shares.tolist()
+    >>> float(k), shares.tolist()
     (0.02, [0.2, 0.8])
     """
     predictor = np.asarray(x, dtype=np.float64)
     products = predictor * np.asarray(y, dtype=np.float64)
-    return float(products.sum() / (predictor @ predictor)), products / products.sum()
+    total: FloatArray = np.add.reduce(products, axis=0)
+    return total / np.add.reduce(predictor**2, axis=0), products / total

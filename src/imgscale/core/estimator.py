@@ -51,14 +51,14 @@ def fit_robust(obs: LogObservations) -> LogFit:
         trust=np.empty_like(obs.y),
         weight=np.empty_like(obs.y),
         share=np.empty_like(obs.y),
-        disagree=np.empty(obs.n_images, dtype=np.bool_),
     )
+    apart = np.empty(obs.n_images, dtype=np.bool_)
     for images, rows in _blocks(obs):
         found = fit_block(_block(obs, rows))
         fit.log_k[images], fit.log_std[images] = found.log_k, found.log_std
-        fit.disagree[images] = found.disagree
+        apart[images] = found.disagree
         fit.trust[rows], fit.weight[rows], fit.share[rows] = found.trust, found.weight, found.share
-    return fit
+    return fit._replace(disagree=apart)
 
 
 def disagree(obs: LogObservations) -> BoolArray:

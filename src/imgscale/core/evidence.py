@@ -19,6 +19,8 @@ from imgscale.core.segments import LogFit, LogObservations, sum_by
 _GROSS, _GROSS_STD = 0.02, 0.5
 _SMALLER, _SMALLER_BY, _SMALLER_STD = 0.03, 0.4, 0.25
 SOUND = 1 - _GROSS - _SMALLER
+# A reference is rejected where the odds are ten to one that it is wrong.
+REJECTED = 0.1
 _ROOT_TWO_PI = math.sqrt(2 * math.pi)
 _TINY = float(np.finfo(np.float64).tiny)
 

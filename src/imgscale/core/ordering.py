@@ -39,7 +39,8 @@ def column_medians(values: FloatArray) -> FloatArray:
     lower, upper = (size - 1) // 2, size // 2
     if width < _WIDE or size > _TALL:
         ordered = np.sort(values, axis=0)
-        return (ordered[lower] + ordered[upper]) / 2
+        middle: FloatArray = (ordered[lower] + ordered[upper]) / 2
+        return middle
     rows = list(values)
     for low, high in _comparisons(size, lower, upper):
         first, second = rows[low], rows[high]
@@ -64,7 +65,8 @@ def weighted_column_medians(values: FloatArray, weights: FloatArray) -> FloatArr
     """
     size, width = values.shape
     if size == 1:
-        return values[0]
+        alone: FloatArray = values[0]
+        return alone
     if width < _WIDE or size > _TALL:
         order = np.argsort(values, axis=0)
         flat = order * width + np.arange(width)
@@ -79,6 +81,33 @@ def weighted_column_medians(values: FloatArray, weights: FloatArray) -> FloatArr
     upper = np.add.reduce(weight[:-1] <= half * (1 + 2 * _TIE), axis=0, dtype=np.intp)
     median: FloatArray = (ends[lower * width + column] + ends[upper * width + column]) / 2
     return median
+
+
+def column_order(keys: IntArray) -> IntArray:
+    """
+    Find the order that brings equal keys of each column together.
+
+    Parameters
+    ----------
+    keys : (q, m) ndarray of int
+        Keys, 0 or more, below 2**40.
+
+    Returns
+    -------
+    (q, m) ndarray of int
+        Rows by increasing key.
+    """
+    size, width = keys.shape
+    if width < _WIDE or size > _TALL:
+        order: IntArray = np.argsort(keys, axis=0, kind="stable")
+        return order
+    bits = (size - 1).bit_length()
+    rows = list((keys.astype(np.int64) << bits) | np.arange(size)[:, None])
+    for low, high in _comparisons(size, 0, size - 1):
+        first, second = rows[low], rows[high]
+        rows[low], rows[high] = np.minimum(first, second), np.maximum(first, second)
+    found: IntArray = np.stack(rows) & ((1 << bits) - 1)
+    return found
 
 
 def _sorted_together(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

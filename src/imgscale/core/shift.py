@@ -29,6 +29,7 @@ _FIRST_NOISE, _COOLING, _STEPS = 0.3, 0.2, 30
 _CONVERGED = 1e-9
 # Cases less probable than the best one by this factor (its log) are left out.
 _NEGLIGIBLE = 12.0
+_LEFT_OUT = 1000.0
 _TINY = 1e-300
 
 
@@ -70,9 +71,11 @@ def shift_cases(
     stretch = np.maximum(np.gradient(cases, axis=0), _TINY)
     log_prior = _log_prior(shift, scale) + cases + np.log(stretch)
     log_weight = log_prior + _evidence(witnesses, shift, 0.0, unknown_noise=unknown_noise)
-    likely = (log_weight > log_weight.max(axis=0) - _NEGLIGIBLE).any(axis=1)
+    likely = log_weight > log_weight.max(axis=0) - _NEGLIGIBLE
+    # an image's cases do not depend on the other images
+    log_prior = np.where(likely, log_prior, log_prior - _LEFT_OUT)
     spread = Nuisance(shift, np.zeros_like(shift), log_prior)
-    return scale.shift(log_c), spread.cases(likely)
+    return scale.shift(log_c), spread.cases(likely.any(axis=1))
 
 
 class ShiftScale(NamedTuple):

@@ -288,22 +288,30 @@ def estimate(problem: Problem, cases: Cases) -> Estimate:
         return result
 
     log_k_best = (weight * at_best.fit.log_k.reshape(weight.shape)).sum(axis=0)
-    middle = cases.best._replace(
-        depth_var=np.full_like(cases.best.shift, UNKNOWN_DEPTH_REL**2 * problem.unknown_noise)
-    )
     return Estimate(
         log_k=log_k_best,
         shift=cases.best.shift[0],
         shift_std=shift.std,
         correlation=shift.correlation,
         depth_rel=np.exp((cases.weight * log_noise).sum(axis=0) / 2),
-        inconsistent=disagree(observe_under(problem.witnesses, middle)),
+        inconsistent=_disagree(problem, cases),
         trust=mixed(at_best.fit.trust),
         precision=mixed(at_best.fit.weight),
         share=mixed(at_best.fit.share),
         kinds=(of_row[:, :, None] * at_best.kinds).sum(axis=0),
         plane=_plane(cases, log_k, log_k_var, log_k_best) if problem.plane else None,
     )
+
+
+def _disagree(problem: Problem, cases: Cases) -> BoolArray:
+    """Tell where references disagree, at the best shift and plane and the middle of the noise."""
+    one_case = cases.nuisance.n_cases == 1 and not problem.scene
+    if one_case and cases.fit.disagree is not None:
+        return cases.fit.disagree
+    middle = cases.best._replace(
+        depth_var=np.full_like(cases.best.shift, UNKNOWN_DEPTH_REL**2 * problem.unknown_noise)
+    )
+    return disagree(cases.obs if one_case else observe_under(problem.witnesses, middle))
 
 
 class _Moments(NamedTuple):

@@ -13,6 +13,7 @@ from imgscale.laws import LAWS
 from imgscale.model import ScaleModel
 from imgscale.plotting._canvas import cell_centres
 from imgscale.plotting._plane import PlaneView
+from imgscale.sizing import FAR_OFF
 
 # Longer side of a ground plane's map.
 _GROUND_CELLS = 800
@@ -21,8 +22,6 @@ _GROUND_CELLS = 800
 _SPARSE = 0.5
 # Share of the pixels at the least value of a map that tells of a cut there, as of the sky.
 _LEAST_FLOOR = 0.01
-# As for the flag EXTRAPOLATED: that many times as near or as far.
-_FAR_OFF = 2.0
 
 
 class Raster(NamedTuple):
@@ -137,7 +136,7 @@ def _far_off(scale: FloatArray, known: FloatArray) -> BoolArray:
     known = known[np.isfinite(known)]
     if not known.size:
         return np.zeros(scale.shape, dtype=np.bool_)
-    far: BoolArray = (scale < known.min() / _FAR_OFF) | (scale > known.max() * _FAR_OFF)
+    far: BoolArray = (scale < known.min() / FAR_OFF) | (scale > known.max() * FAR_OFF)
     return far
 
 
