@@ -438,7 +438,7 @@ def _solve(
         _finish(slab, reason, options, images, local)
     if not isinstance(chosen, slice):
         for column, values in zip(rows, local, strict=True):
-            column[chosen] = values
+            column[chosen] = values  # type: ignore[index]
 
 
 def _finish(

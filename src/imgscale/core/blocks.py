@@ -31,7 +31,7 @@ _FLATTEST = (0.3, 0.02)
 # Steps after which the few images that need more go on by themselves.
 _FEW_STEPS = 4
 # A step this small, in standard errors of log k, is the last: the next would be its square.
-_LAST_STEP, _LAST_PLAIN_STEP = 1e-9, 1e-12
+_LAST_STEP, _LAST_PLAIN_STEP = 1e-7, 1e-12
 # Blocks with fewer columns sum their labels by counting, wider ones row by row.
 _WIDE = 64
 

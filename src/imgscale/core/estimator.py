@@ -16,7 +16,7 @@ from imgscale.core.blocks import Block, fit_block, scatter
 from imgscale.core.segments import LogFit, LogObservations, Subjects, View
 
 # References that are solved at once: the arrays of a block of them stay in the processor's cache.
-_CELLS = 16_384
+_CELLS = 32_768
 _ROUNDING = 1e-13
 
 
@@ -83,11 +83,11 @@ def disagree(obs: LogObservations) -> BoolArray:
 
 def _blocks(obs: LogObservations) -> Iterator[tuple[IntArray, IntArray]]:
     """List images of as many references each, and the rows of these, label by label, (q, m)."""
-    order = np.lexsort((obs.group, obs.image))
-    if obs.image[order[0]] == obs.image[order[-1]]:
-        yield obs.image[order[:1]], order[:, None]
-        return
     counts = np.bincount(obs.image)
+    if counts.size == 1:
+        yield np.zeros(1, dtype=np.intp), np.argsort(obs.group, kind="stable")[:, None]
+        return
+    order = np.lexsort((obs.group, obs.image))
     first = np.cumsum(counts) - counts
     for count in np.unique(counts[counts > 0]).tolist():
         images = np.flatnonzero(counts == count)

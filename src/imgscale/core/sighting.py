@@ -15,7 +15,7 @@ import numpy as np
 from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.core.segments import MIN_VARIANCE, LogObservations, Parts, Subjects
 from imgscale.core.stance import Stance
-from imgscale.core.witnesses import Nuisance, Sized, numbered
+from imgscale.core.witnesses import Nuisance, Sized, numbered, repeated
 
 # One object in ten that might stand on the plane does not, or shows no foot.
 _OFF_PLANE = 0.1
@@ -251,37 +251,48 @@ def observe_under(witnesses: Sized, nuisance: Nuisance) -> LogObservations:
     LogObservations
         K N rows, case by case; image number ``case * n_images + image``, groups likewise.
     """
-    count = nuisance.n_cases
     sighting = sight(witnesses, nuisance)
-    ways = sighting.log_size.shape[0]
-    log_size: FloatArray = sighting.log_size.reshape(ways, -1).T
-    noise_var: FloatArray = sighting.variance.reshape(ways, -1).T
-    share: FloatArray = sighting.share.reshape(ways, -1).T
-    prior_log = np.tile(witnesses.prior_log, count)
-    prior_var = np.tile(witnesses.prior_var, count)
+    log_size, noise_var = sighting.log_size, sighting.variance
     lost: BoolArray = log_size > _BEYOND
-    log_size = np.where(lost, prior_log[:, None] - _LOST_LOG_K, log_size)
-    noise_var = np.where(lost, _LOST_VAR, noise_var)
-    prior = Parts(*(np.tile(column, (count, 1)) for column in witnesses.prior))
-    shape = (len(share), prior.share.shape[1] * ways)
-    kinds = Parts(  # each kind of thing in each way
-        share=(prior.share[:, :, None] * share[:, None, :]).reshape(shape),
-        mean=(prior.mean[:, :, None] - log_size[:, None, :]).reshape(shape),
-        variance=np.maximum(
-            (prior.variance[:, :, None] + noise_var[:, None, :]).reshape(shape), MIN_VARIANCE
-        ),
-    )
-    middle = (share * log_size).sum(axis=1)
-    spread = (share * (noise_var + (log_size - middle[:, None]) ** 2)).sum(axis=1)
+    if lost.any():
+        log_size = np.where(lost, witnesses.prior_log - _LOST_LOG_K, log_size)
+        noise_var = np.where(lost, _LOST_VAR, noise_var)
+    middle, spread = log_size[0], noise_var[0]
+    if len(log_size) > 1:
+        share = sighting.share
+        middle = (share * log_size).sum(axis=0)
+        spread = (share * (noise_var + (log_size - middle) ** 2)).sum(axis=0)
     n_images, n_groups = nuisance.shift.shape[1], int(witnesses.group.max(initial=-1)) + 1
+    count = nuisance.n_cases
     return LogObservations(
-        y=prior_log - middle,
-        variance=np.maximum(prior_var + spread, MIN_VARIANCE),
-        tau=np.tile(witnesses.tau, count),
+        y=(witnesses.prior_log - middle).ravel(),
+        variance=np.maximum(witnesses.prior_var + spread, MIN_VARIANCE).ravel(),
+        tau=repeated(witnesses.tau, count),
         image=numbered(witnesses.image, count, n_images),
         group=numbered(witnesses.group, count, n_groups),
-        firm=np.tile(witnesses.firm, count),
-        mixture=kinds,
+        firm=repeated(witnesses.firm, count),
+        mixture=_kinds(witnesses.prior, sighting, log_size, noise_var),
+    )
+
+
+def _kinds(
+    prior: Parts, sighting: Sighting, log_size: FloatArray, noise_var: FloatArray
+) -> Parts:
+    """Log k by each kind of thing that a label may be, in each way (H, K, N) to stand there."""
+    ways, count, rows = log_size.shape
+    shape = (count * rows, prior.share.shape[1] * ways)
+    # (K, N, J, H)
+    by_way = (np.moveaxis(part, 0, 2)[:, :, None, :] for part in (log_size, noise_var))
+    log_size, noise_var = by_way
+    share, mean, variance = (part[:, :, None] for part in prior)
+    if ways > 1:
+        share = share * np.moveaxis(sighting.share, 0, 2)[:, :, None, :]
+    else:
+        share = np.broadcast_to(share, (count, *share.shape))
+    return Parts(
+        share=share.reshape(shape),
+        mean=(mean - log_size).reshape(shape),
+        variance=np.maximum(variance + noise_var, MIN_VARIANCE).reshape(shape),
     )
 
 
@@ -338,7 +349,7 @@ def subjects_under(
     return Subjects(
         image=numbered(subjects.image, count, n_images),
         group=numbered(subjects.group, count, n_groups),
-        tau=np.tile(subjects.tau, count),
+        tau=repeated(subjects.tau, count),
         own=numbered(own, count, witnesses.image.size),
     )
 

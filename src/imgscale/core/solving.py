@@ -211,7 +211,10 @@ def solve(problem: Problem) -> Cases:
             has_shift=problem.has_shift,
         )
         return _solve_cases(problem, cases, best)
-    best = others = _nothing_else(problem.n_images)
+    best = _nothing_else(problem.n_images)
+    if not (problem.has_shift or problem.scene):
+        return _solve_cases(problem, noise, best)
+    others = best
     if problem.has_shift:
         level = _levelled(problem.witnesses, problem.scene)
         shift, others = shift_cases(level, problem.n_images, unknown_noise=problem.unknown_noise)
@@ -280,14 +283,17 @@ def estimate(problem: Problem, cases: Cases) -> Estimate:
     if problem.has_shift or problem.scene:
         at_best = _solve_cases(problem, crossed(noise, cases.best), cases.best)
     weight = at_best.weight
-    of_row = weight[:, problem.witnesses.image]
-    rows = of_row.shape
 
-    def mixed(column: FloatArray) -> FloatArray:
-        result: FloatArray = (of_row * column.reshape(rows)).sum(axis=0)
+    def mixed(column: FloatArray, cases_weight: FloatArray) -> FloatArray:
+        by_case = column.reshape(*cases_weight.shape, *column.shape[1:])
+        if len(by_case) == 1:
+            alone: FloatArray = by_case[0]
+            return alone
+        result: FloatArray = (cases_weight * by_case).sum(axis=0)
         return result
 
-    log_k_best = (weight * at_best.fit.log_k.reshape(weight.shape)).sum(axis=0)
+    log_k_best = mixed(at_best.fit.log_k, weight)
+    of_row = weight[:, problem.witnesses.image]
     return Estimate(
         log_k=log_k_best,
         shift=cases.best.shift[0],
@@ -295,9 +301,9 @@ def estimate(problem: Problem, cases: Cases) -> Estimate:
         correlation=shift.correlation,
         depth_rel=np.exp((cases.weight * log_noise).sum(axis=0) / 2),
         inconsistent=_disagree(problem, cases),
-        trust=mixed(at_best.fit.trust),
-        precision=mixed(at_best.fit.weight),
-        share=mixed(at_best.fit.share),
+        trust=mixed(at_best.fit.trust, of_row),
+        precision=mixed(at_best.fit.weight, of_row),
+        share=mixed(at_best.fit.share, of_row),
         kinds=(of_row[:, :, None] * at_best.kinds).sum(axis=0),
         plane=_plane(cases, log_k, log_k_var, log_k_best) if problem.plane else None,
     )
@@ -395,7 +401,8 @@ def _solve_cases(problem: Problem, nuisance: Nuisance, best: Nuisance) -> Cases:
     else:
         grid, fit = None, fit_robust(obs)
         kinds = fit.trust[:, None] * obs.kinds.share
-        evidence = robust_evidence(obs, fit)
+        # one case alone needs no weighing
+        evidence = robust_evidence(obs, fit) if nuisance.n_cases > 1 else np.zeros(fit.log_k.size)
     log_weight = nuisance.log_prior + evidence.reshape(nuisance.log_prior.shape)
     for objects in (problem.witnesses, problem.bystanders):
         if objects is not None:

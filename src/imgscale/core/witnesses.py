@@ -8,7 +8,7 @@ observations of log k (`imgscale.core.segments`), so that one core solves every 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from imgscale.core.stance import Stance
 UNKNOWN_DEPTH_REL = 0.05
 _UNKNOWN_FACTOR = 2.2
 _NOISE_SCORES = np.linspace(-2.0, 3.0, 9)
+
+ArrayT = TypeVar("ArrayT", FloatArray, BoolArray)
 
 
 class Sized(NamedTuple):
@@ -137,8 +139,9 @@ class Sized(NamedTuple):
         """
         inverse = self.inverse_depth + nuisance.shift[:, self.image]
         with np.errstate(invalid="ignore", divide="ignore"):
-            log_size = self.log_pixels - np.log(np.where(inverse < 0, 0.0, inverse))
-        return np.where(self.firm, 0.0, log_size)
+            log_size = self.log_pixels - np.log(np.maximum(inverse, 0.0))
+        log_size[:, self.firm] = 0.0
+        return log_size
 
     def noise_under(self, nuisance: Nuisance) -> FloatArray:
         """
@@ -154,7 +157,7 @@ class Sized(NamedTuple):
         (K, N) ndarray of float64
             One row for each case.
         """
-        return self.noise_var + np.where(self.told, 0.0, nuisance.depth_var[:, self.image])
+        return self.noise_var + nuisance.depth_var[:, self.image] * ~self.told
 
 
 class Nuisance(NamedTuple):
@@ -280,6 +283,25 @@ def crossed(noise: Nuisance, others: Nuisance) -> Nuisance:
     )
 
 
+def repeated(column: ArrayT, count: int) -> ArrayT:
+    """
+    Repeat a column for each case.
+
+    Parameters
+    ----------
+    column : (N,) ndarray
+        The column.
+    count : int
+        How often.
+
+    Returns
+    -------
+    (count N,) ndarray
+        Case by case; the column itself for one case.
+    """
+    return column if count == 1 else cast("ArrayT", np.tile(column, count))
+
+
 def numbered(number: IntArray, count: int, step: int) -> IntArray:
     """
     Repeat numbers for each case.
@@ -298,6 +320,8 @@ def numbered(number: IntArray, count: int, step: int) -> IntArray:
     (count N,) ndarray of int
         The numbers, case by case.
     """
+    if count == 1:
+        return number
     shifted = number + step * np.arange(count)[:, None]
     result: IntArray = np.where(number < 0, -1, shifted).ravel()
     return result
