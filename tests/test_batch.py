@@ -1,5 +1,6 @@
 """Batches give the numbers of single images, in any order, and bad rows are named."""
 
+import re
 import tracemalloc
 
 import numpy as np
@@ -272,10 +273,8 @@ def test_what_breaks_a_law_is_named(change, error, text):
         "depth": [4.0, 5.0], "kind": "metric",
     } | change  # fmt: skip
 
-    with pytest.raises(error, match=".") as caught:
+    with pytest.raises(error, match=re.escape(text)):
         fit_columns(**given_)
-
-    assert text in str(caught.value)
 
 
 def test_a_bad_row_of_a_shuffled_batch_is_named_by_its_own_place():

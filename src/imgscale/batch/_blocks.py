@@ -23,7 +23,7 @@ from imgscale.core.segments import MIN_VARIANCE
 from imgscale.flags import Flag
 
 # Cells of a block: its arrays stay in the processor's cache.
-_CELLS = 32_768
+_CELLS = 49_152
 _REFERENCE, _OUTLIERS = Flag.REFERENCE.value, Flag.OUTLIERS.value
 
 

@@ -16,7 +16,7 @@ from imgscale.core.blocks import Block, fit_block, scatter
 from imgscale.core.segments import LogFit, LogObservations, Subjects, View
 
 # References that are solved at once: the arrays of a block of them stay in the processor's cache.
-_CELLS = 32_768
+_CELLS = 49_152
 _ROUNDING = 1e-13
 
 
