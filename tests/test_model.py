@@ -1,11 +1,8 @@
-"""Results and the package's face: round trips, texts, scale maps, what an import loads."""
+"""Results: round trips, texts, scale maps."""
 
 import json
 import math
 import re
-import subprocess
-import sys
-import types
 
 import attrs
 import numpy as np
@@ -382,59 +379,3 @@ def test_flags_are_named_in_the_order_of_the_class():
     )
     assert model.flags == Flag.SINGLE_LABEL | Flag.INCONSISTENT | Flag.IMPLAUSIBLE_FOCAL
     assert model.to_dict()["flags"] == ["SINGLE_LABEL", "INCONSISTENT", "IMPLAUSIBLE_FOCAL"]
-
-
-# --- the face of the package ---------------------------------------------------------------------
-
-
-def test_all_lists_exactly_the_public_names():
-    public = {
-        name
-        for name in dir(ims)
-        if not name.startswith("_")
-        and name != "annotations"
-        and not isinstance(getattr(ims, name), types.ModuleType)
-    }
-    assert set(ims.__all__) == public
-    assert list(ims.__all__) == sorted(ims.__all__)
-
-
-def test_the_designs_names_are_there():
-    names = {
-        "Camera", "Depth", "DepthMap", "DepthMismatchError", "DepthSource", "Detection", "Detector",
-        "FitError", "Flag", "Frame", "GroundPlane", "ImgscaleError", "Measurement",
-        "MissingDependencyError", "Noise", "ObjectDepths", "ObjectPrior", "PriorTable", "Reference",
-        "ScaleModel", "SizeEstimate", "fit", "leave_one_out", "measure", "predict",
-    }  # fmt: skip
-    assert names <= set(ims.__all__)
-
-
-def loaded_after(statement):
-    """Top-level packages in `sys.modules` of a fresh interpreter that ran a statement."""
-    code = f"import sys; {statement}; print(*{{name.split('.')[0] for name in sys.modules}})"
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    return set(result.stdout.split())
-
-
-HEAVY = {
-    "scipy", "skimage", "PIL", "matplotlib", "torch", "cv2", "pandas", "csv", "argparse",
-    "statistics",
-}  # fmt: skip
-
-
-def test_importing_the_package_loads_numpy_and_attrs_only():
-    # what numpy and attrs bring in themselves is theirs
-    assert not (loaded_after("import imgscale") - loaded_after("import numpy, attrs")) & HEAVY
-
-
-def test_the_version_is_that_of_the_installed_package():
-    from importlib.metadata import version  # noqa: PLC0415 - only here
-
-    assert ims.__version__ == version("imgscale")
-
-
-def test_an_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="module 'imgscale' has no attribute 'fitt'"):
-        ims.fitt  # noqa: B018

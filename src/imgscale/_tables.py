@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from io import StringIO
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple
 
 
@@ -37,6 +36,8 @@ def shipped_table(name: str) -> Table:
 
 def read_table(path: str | PathLike[str]) -> Table:
     """Read a user's table."""
+    from pathlib import Path  # noqa: PLC0415 - 5 ms of import
+
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -50,6 +51,7 @@ def write_table(
 ) -> None:
     """Write a table that `read_table` reads back."""
     import csv  # noqa: PLC0415 - 2 ms of import
+    from pathlib import Path  # noqa: PLC0415 - 5 ms of import
 
     with Path(path).open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -293,7 +293,7 @@ class ScaleModel:
             msg = (
                 f'`depth` must be the map that the model was fitted to; got another "{self.kind}" '
                 "map (or a copy of other precision), whose scale is its own. Fit it anew, or pass "
-                "same_scale=True to `predict` where its source keeps one scale."
+                "same_scale=True where its source keeps one scale."
             )
             raise DepthMismatchError(msg)
 
