@@ -87,7 +87,7 @@ def _parts(slab: Slab) -> list[tuple[int, int]]:
     ends = slab.first + slab.counts
     cuts = [0]
     while cuts[-1] < ends.size:
-        limit = slab.first[cuts[-1]] + _PART
+        limit = int(slab.first[cuts[-1]]) + _PART
         cuts.append(max(int(np.searchsorted(ends, limit, side="right")), cuts[-1] + 1))
     return list(pairwise(cuts))
 

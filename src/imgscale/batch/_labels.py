@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -121,8 +121,7 @@ def _checked_codes(codes: IntArray, names: Sequence[str]) -> IntArray:
     if codes.size and codes.dtype.kind not in "iu":
         msg = f"`label` must be integer codes where `labels` names them; got {codes.dtype}."
         raise TypeError(msg)
-    given: Sequence[object] = names
-    for index, name in enumerate(given):
+    for index, name in enumerate(cast("Sequence[object]", names)):
         if not isinstance(name, str):
             msg = f"`labels` must be strings; got {name!r} at index {index}."
             raise TypeError(msg)

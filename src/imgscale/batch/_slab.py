@@ -22,6 +22,7 @@ NO_PRIOR, PARTIAL, NO_DEPTH, OUTLIER, ONE_DEPTH = range(1, 6)
 
 
 CodeArray: TypeAlias = NDArray[np.int8]
+WholeArray: TypeAlias = NDArray[np.signedinteger[Any]]
 
 
 class Options(NamedTuple):
@@ -122,9 +123,9 @@ class ImageResults(NamedTuple):
     k: FloatArray
     k_std: FloatArray
     shift: FloatArray
-    flags: IntArray
-    n_candidates: IntArray
-    n_used: IntArray
+    flags: WholeArray
+    n_candidates: WholeArray
+    n_used: WholeArray
 
     def part(self, images: slice) -> ImageResults:
         """
@@ -164,7 +165,7 @@ class RowResults(NamedTuple):
     high_m: FloatArray
     weight: FloatArray
     reason: CodeArray
-    flags: IntArray
+    flags: WholeArray
 
     def part(self, rows: slice) -> RowResults:
         """
@@ -252,7 +253,7 @@ def noise_var(pixels: FloatArray, options: Options) -> FloatArray:
 
 
 def image_flags(
-    results: ImageResults, images: IntArray, n_used: IntArray, *,
+    results: ImageResults, images: IntArray, n_used: WholeArray, *,
     single_label: BoolArray, disagree: BoolArray,
 ) -> None:  # fmt: skip
     """

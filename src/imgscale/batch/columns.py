@@ -40,6 +40,7 @@ from imgscale.batch._slab import (
     Options,
     RowResults,
     Slab,
+    WholeArray,
     log_extent,
     noise_var,
 )
@@ -84,10 +85,10 @@ class ImageColumns(NamedTuple):
     k: FloatArray
     k_std: FloatArray
     shift: FloatArray
-    flags: IntArray
-    n_objects: IntArray
-    n_candidates: IntArray
-    n_used: IntArray
+    flags: WholeArray
+    n_objects: WholeArray
+    n_candidates: WholeArray
+    n_used: WholeArray
 
 
 class RowColumns(NamedTuple):
@@ -110,14 +111,14 @@ class RowColumns(NamedTuple):
         Reservations, bits of `Flag`.
     """
 
-    image: IntArray
+    image: WholeArray
     size_m: FloatArray
     std_m: FloatArray
     low_m: FloatArray
     high_m: FloatArray
     weight: FloatArray
     reason: CodeArray
-    flags: IntArray
+    flags: WholeArray
 
 
 class BatchResult(NamedTuple):
@@ -365,7 +366,8 @@ def _slabs(starts: IntArray) -> Iterator[tuple[int, int]]:
     """Cut the images into slabs of about `_SLAB` objects, one image at least."""
     first, n_images = 0, starts.size - 1
     while first < n_images:
-        last = int(np.searchsorted(starts, starts[first] + _SLAB, side="right")) - 1
+        limit = int(starts[first]) + _SLAB
+        last = int(np.searchsorted(starts, limit, side="right")) - 1
         last = max(last, first + 1)
         yield first, last
         first = last
@@ -449,7 +451,7 @@ def _solve(
         _finish(slab, reason, options, images, local)
     if not isinstance(chosen, slice):
         for column, values in zip(rows, local, strict=True):
-            column[chosen] = values  # type: ignore[index]
+            column[chosen] = values
 
 
 def _finish(

@@ -264,7 +264,8 @@ class _Groups:
         if self.narrow:
             slot: IntArray = np.zeros(group.shape, dtype=np.intp)
             slot[1:] = np.cumsum(~same, axis=0)
-            self._place = (slot * width + np.arange(width)).ravel()
+            place = slot * width + np.arange(width, dtype=np.intp)
+            self._place = place.ravel()
             self.square = np.zeros(group.shape)
             self.square.ravel()[self._place] = square.ravel()
             return
@@ -303,7 +304,7 @@ class _Ascent:
         self.block, self.total, self.groups = block, total, groups
         self.precision = 1 / block.variance
         self.cut = 1 / (TUKEY_C**2 * total)
-        self._scratch = np.empty((3, *total.shape))
+        self._residual, self._weight, self._reduced = (np.empty_like(total) for _ in range(3))
 
     def climb(self, log_k: FloatArray, first: int = 0) -> FloatArray:
         """Follow the gradient to where it vanishes; `first` steps have been made."""
@@ -338,7 +339,7 @@ class _Ascent:
 
     def _slope(self, log_k: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient by log k, and the curvature that re-weighting takes for it."""
-        residual, weight, reduced = self._scratch
+        residual, weight, reduced = self._residual, self._weight, self._reduced
         np.subtract(self.block.y, log_k, out=residual)
         np.multiply(residual, residual, out=weight)
         np.multiply(weight, self.cut, out=weight)

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imgscale._typing import FloatArray, IntArray
 
@@ -69,13 +70,13 @@ def weighted_column_medians(values: FloatArray, weights: FloatArray) -> FloatArr
         return alone
     if width < _WIDE or size > _TALL:
         order = np.argsort(values, axis=0)
-        flat = order * width + np.arange(width)
+        flat = order * width + np.arange(width, dtype=np.intp)
         ordered, weight = values.ravel()[flat], weights.ravel()[flat]
     else:
         ordered, weight = _sorted_together(values, weights)
     for row in range(1, size):  # a cumulative sum, many times as fast as cumsum(axis=0)
         weight[row] += weight[row - 1]
-    half, column, ends = weight[-1] / 2, np.arange(width), ordered.ravel()
+    half, column, ends = weight[-1] / 2, np.arange(width, dtype=np.intp), ordered.ravel()
     # the last row is never below: there all the weight is reached
     lower = np.add.reduce(weight[:-1] < half * (1 - 2 * _TIE), axis=0, dtype=np.intp)
     upper = np.add.reduce(weight[:-1] <= half * (1 + 2 * _TIE), axis=0, dtype=np.intp)
@@ -102,7 +103,7 @@ def column_order(keys: IntArray) -> IntArray:
         order: IntArray = np.argsort(keys, axis=0, kind="stable")
         return order
     bits = (size - 1).bit_length()
-    rows = list((keys.astype(np.int64) << bits) | np.arange(size)[:, None])
+    rows: list[NDArray[np.int64]] = list((keys.astype(np.int64) << bits) | np.arange(size, dtype=np.int64)[:, None])
     for low, high in _comparisons(size, 0, size - 1):
         first, second = rows[low], rows[high]
         rows[low], rows[high] = np.minimum(first, second), np.maximum(first, second)
@@ -114,13 +115,14 @@ def _sorted_together(values: FloatArray, weights: FloatArray) -> tuple[FloatArra
     """Sort columns by a network; the last bits of each number, below its rounding, name its row."""
     size, width = values.shape
     bits = (size - 1).bit_length()
-    number = np.arange(size)[:, None]
-    tagged = ((values.view(np.int64) >> bits << bits) | number).view(np.float64)
-    rows = list(tagged)
+    number = np.arange(size, dtype=np.int64)[:, None]
+    whole: NDArray[np.int64] = values.view(np.int64)
+    tagged: FloatArray = ((whole >> bits << bits) | number).view(np.float64)
+    rows: list[FloatArray] = list(tagged)
     for low, high in _comparisons(size, 0, size - 1):
         first, second = rows[low], rows[high]
         rows[low], rows[high] = np.minimum(first, second), np.maximum(first, second)
-    flat = (np.stack(rows).view(np.int64) & ((1 << bits) - 1)) * width + np.arange(width)
+    flat = (np.stack(rows).view(np.int64) & ((1 << bits) - 1)) * width + np.arange(width, dtype=np.intp)
     return values.ravel()[flat], weights.ravel()[flat]
 
 
