@@ -3,6 +3,7 @@
 import enum
 import shutil
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +54,11 @@ toc_object_entries_show_parents = "hide"
 
 # --- the gallery, and the figures of pages
 
+_WITHOUT_RAY = "" if find_spec("ray") else "(?!parquet_with_ray)"  # shown, but not run
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
-    "filename_pattern": r"/[a-z]\w*\.py$",
+    "filename_pattern": rf"/{_WITHOUT_RAY}[a-z]\w*\.py$",
     "ignore_pattern": r"/_\w*\.py$",
     "within_subsection_order": "ExampleTitleSortKey",
     "abort_on_example_error": True,
