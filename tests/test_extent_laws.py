@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from imgscale._typing import DepthKind
-from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
+from imgscale.extent import extent_rel_std, outside_image, pixel_extents, touches_border
 from imgscale.laws import LAWS, PLAUSIBLE_FOCAL
 
 SIZE = (100, 60)
@@ -36,18 +36,18 @@ def moved(place, value):
 )
 def test_extent_runs_along_its_axis_and_a_diameter_is_the_longer_side(axis, expected):
     rows = boxes((10, 10, 50, 40), (0, 0, 20, 80))
-    assert pixel_extent(rows, axis).tolist() == expected
+    assert pixel_extents(rows)[axis].tolist() == expected
 
 
 @pytest.mark.parametrize("axis", ["height", "width", "diameter"])
 def test_no_box_has_no_extent(axis):
-    assert pixel_extent(boxes(), axis).shape == (0,)
+    assert pixel_extents(boxes())[axis].shape == (0,)
 
 
 @pytest.mark.parametrize("axis", ["height", "width", "diameter"])
 def test_extent_does_not_depend_on_where_the_box_lies(axis):
     here, there = boxes((10, 10, 50, 40)), boxes((17, 13, 57, 43))
-    assert pixel_extent(here, axis) == pixel_extent(there, axis)
+    assert pixel_extents(here)[axis] == pixel_extents(there)[axis]
 
 
 def test_box_errors_add_in_quadrature():
@@ -92,14 +92,14 @@ def test_a_box_more_than_a_pixel_beyond_any_side_is_outside(place, edge):
 )
 def test_a_box_up_to_a_pixel_beyond_a_side_is_a_detectors_rounding(place, edge):
     assert outside_image(moved(place, edge), SIZE).tolist() == [False]
-    assert touches_border(moved(place, edge), SIZE).tolist() == [True]
+    assert touches_border(moved(place, edge), SIZE) == [True]
 
 
 def test_width_and_height_are_not_swapped():
     wide = boxes((10, 10, 90, 40))
     assert outside_image(wide, (100, 60)).tolist() == [False]
     assert outside_image(wide, (60, 100)).tolist() == [True]
-    assert touches_border(wide, (100, 60)).tolist() == [False]
+    assert touches_border(wide, (100, 60)) == [False]
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_width_and_height_are_not_swapped():
     ],
 )
 def test_a_box_that_ends_at_a_side_touches_it(place, edge):
-    assert touches_border(moved(place, edge), SIZE).tolist() == [True]
+    assert touches_border(moved(place, edge), SIZE) == [True]
 
 
 @pytest.mark.parametrize(
@@ -128,18 +128,22 @@ def test_a_box_that_ends_at_a_side_touches_it(place, edge):
     ],
 )
 def test_a_box_with_a_pixel_of_background_beside_it_touches_nothing(place, edge):
-    assert touches_border(moved(place, edge), SIZE).tolist() == [False]
+    assert touches_border(moved(place, edge), SIZE) == [False]
 
 
 def test_each_box_is_judged_by_itself():
     rows = boxes(INSIDE, (0, 5, 9, 9), (5, 5, 120, 9))
-    assert touches_border(rows, SIZE).tolist() == [False, True, True]
+    assert touches_border(rows, SIZE) == [False, True, True]
     assert outside_image(rows, SIZE).tolist() == [False, False, True]
 
 
 def test_no_box_is_neither_outside_nor_at_the_border():
     assert outside_image(boxes(), SIZE).shape == (0,)
-    assert touches_border(boxes(), SIZE).shape == (0,)
+    assert touches_border(boxes(), SIZE) == []
+
+
+def test_where_the_size_of_the_image_is_not_known_no_box_touches_its_border():
+    assert touches_border([INSIDE, (0.0, 0.0, 9.0, 9.0)], None) == [False, False]
 
 
 @given(

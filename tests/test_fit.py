@@ -1,6 +1,8 @@
 """The verb `fit`: exact recovery, laws, robustness, the camera as witness, hostile input."""
 
 import math
+import pickle
+import threading
 
 import attrs
 import numpy as np
@@ -1155,3 +1157,42 @@ def test_aliases_serve_in_frames_on_the_ground_and_at_centres_as_labels_do():
         one, other = (ims.fit_shared(group, table)[0] for group in frames)
         assert (other.k, other.k_std) == pytest.approx((one.k, one.k_std), rel=1e-12)
     assert one.k_std > 0
+
+
+# --- what comes back ---
+
+
+def test_what_a_detection_said_cannot_be_changed():
+    reference = ims.fit(poles(HEIGHTS, Z), relative(Z), exact_priors(HEIGHTS)).references[0]
+    for name in ("k", "reason", "remark"):
+        with pytest.raises(attrs.exceptions.FrozenInstanceError):
+            setattr(reference, name, 0.0)
+    with pytest.raises(attrs.exceptions.FrozenInstanceError):
+        del reference.k
+
+
+def test_what_a_detection_said_survives_a_pickle():
+    detections = [*poles(HEIGHTS, Z), box("statue", 50.0)]
+    model = ims.fit(detections, relative([*Z, NAN]), exact_priors(HEIGHTS, 0.1))
+    clone = pickle.loads(pickle.dumps(model))  # noqa: S301 - our own bytes
+    assert clone == model
+    assert [hash(ref) for ref in clone.references] == [hash(ref) for ref in model.references]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_threads_that_fit_at_once_with_a_new_table_find_the_same(method):
+    detections, depth = poles(HEIGHTS, Z), relative(Z)
+    table, told = exact_priors(HEIGHTS, 0.1), exact_priors(HEIGHTS, 0.1)
+    expected = ims.fit(detections, depth, told, method=method)
+    start, found = threading.Barrier(8), []
+
+    def run():
+        start.wait()
+        found.append(ims.fit(detections, depth, table, method=method))
+
+    threads = [threading.Thread(target=run) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [expected] * 8

@@ -1,14 +1,17 @@
 """Priors and their table: look-up, mixtures, regions, the paper's table, CSV and refusals."""
 
+import copy
 import math
 import pickle
 import re
+import threading
 
 import attrs
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from imgscale import ObjectPrior, PriorTable
 from imgscale.object_prior import normal_label
@@ -333,6 +336,88 @@ def test_what_is_no_prior_is_refused_with_its_place():
     law = r"`priors` must hold ObjectPrior objects; got \('mast', 9\.0, 1\.0\) at index 1"
     with pytest.raises(TypeError, match=law):
         PriorTable(rows)
+
+
+# --- all rows of a label together ---
+
+
+def test_sizes_of_a_label_are_one_mixture_for_each_axis():
+    small = ObjectPrior("van", 1.9, 0.1, mean_std_m=0.02, share=0.6)
+    large = ObjectPrior("Van", 2.6, 0.3, mean_std_m=0.05, share=0.2, aliases=("lorry van",))
+    long = ObjectPrior("van", 5.2, 0.4, axis="diameter")
+    wide = ObjectPrior("van", 2.0, 0.1, axis="width")
+    found = PriorTable([long, small, wide, large]).sizes("Lorry_VAN")
+    assert list(found) == ["height", "width", "diameter"]
+    high = found["height"]
+    assert high.rows == (small, large)
+    assert high.key == ("van", "height")
+    share = np.array([0.75, 0.25])
+    mean = float(np.average([1.9, 2.6], weights=share))
+    second = float(np.average([0.1**2 + 1.9**2, 0.3**2 + 2.6**2], weights=share))
+    assert high.mean_m == pytest.approx(mean, rel=1e-12)
+    assert high.std_m == pytest.approx(math.sqrt(second - mean**2), rel=1e-12)
+    assert high.mean_std_m == pytest.approx(0.0275, rel=1e-12)
+    assert high.tau == pytest.approx(0.0275 / mean, rel=1e-12)
+    assert [kind[0] for kind in high.kinds] == pytest.approx(share, rel=1e-12)
+    assert (found["width"].rows, found["width"].std_m) == ((wide,), 0.1)
+
+
+@pytest.mark.parametrize("label", PriorTable.default().labels)
+def test_log_moments_are_those_of_the_log_normal_size_with_these_moments(label):
+    for size in PriorTable.default().sizes(label).values():
+        whole = (1.0, size.log_mean, size.log_var)
+        told = [(size.mean_m, size.std_m), *((row.mean_m, row.std_m) for row in size.rows)]
+        for (mean_m, std_m), (_, log_mean, log_var) in zip(told, (whole, *size.kinds), strict=True):
+            scipys = stats.lognorm(math.sqrt(log_var) or 1e-12, scale=math.exp(log_mean))
+            assert (scipys.mean(), scipys.std()) == pytest.approx((mean_m, std_m), abs=1e-9)
+
+
+def test_sizes_of_what_the_table_does_not_know_are_none():
+    table = PriorTable([ObjectPrior("rod", 1.0, 0.1)])
+    assert dict(table.sizes("giraffe")) == {}
+    assert "giraffe" not in table
+
+
+def test_sizes_that_were_found_cannot_be_changed():
+    table = PriorTable([ObjectPrior("rod", 1.0, 0.1)])
+    with pytest.raises(TypeError, match="does not support item assignment"):
+        table.sizes("rod")["height"] = None
+    assert table.sizes("rod")["height"].mean_m == 1.0
+
+
+@pytest.mark.parametrize(
+    "clone",
+    [copy.copy, copy.deepcopy, lambda table: pickle.loads(pickle.dumps(table))],  # noqa: S301 - our own bytes
+    ids=["copy", "deepcopy", "pickle"],
+)
+def test_a_table_that_was_asked_is_the_table_that_was_not(clone):
+    asked, fresh = (PriorTable([ObjectPrior("rod", 1.0, 0.1)]) for _ in range(2))
+    before = asked.sizes("rod")
+    assert len(pickle.dumps(asked)) == len(pickle.dumps(fresh))
+    for other in (asked, clone(asked)):
+        assert other == fresh
+        assert hash(other) == hash(fresh)
+        assert repr(other) == repr(fresh)
+        assert other.sizes("rod") == before
+
+
+def test_threads_that_ask_a_new_table_at_once_find_the_same():
+    rows = PriorTable.default().priors
+    table, told = PriorTable(rows), PriorTable(rows)
+    labels = [prior.label for prior in rows]
+    expected = [dict(told.sizes(label)) for label in labels]
+    start, found = threading.Barrier(8), []
+
+    def ask():
+        start.wait()
+        found.append([dict(table.sizes(label)) for label in labels])
+
+    threads = [threading.Thread(target=ask) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [expected] * 8
 
 
 # --- with_prior ---

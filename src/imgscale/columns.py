@@ -20,12 +20,11 @@ from imgscale.model import ScaleModel
 from imgscale.observations import Observations
 from imgscale.prior_choice import (
     MeanKey,
-    log_kinds,
+    columns_of,
     log_moments,
     mean_key,
     mean_key_of,
-    moments_of,
-    rows_along,
+    size_along,
 )
 from imgscale.priors import PriorTable
 from imgscale.reference import Reference
@@ -123,7 +122,9 @@ def objects_of(obs: Observations, view: Viewpoint | None) -> Sized:
         pixels=obs.pixels,
         noise_var=obs.noise_var,
         kinds=obs.kinds,
-        moments=np.stack([obs.prior_m, obs.prior_std_m, obs.prior_mean_std_m]),
+        prior_log=obs.prior_log,
+        prior_var=obs.prior_var,
+        tau=obs.tau,
         group=obs.group,
         unknown_noise=obs.unknown_noise,
         stance=stance_of(view, obs.boxes, obs.feet, obs.upright, obs.box_var) if view else None,
@@ -151,7 +152,7 @@ def references_of(model: ScaleModel, view: Viewpoint | None) -> ModelColumns:
     if model.shared:
         keys = shared_keys(model.shared, model.priors)
         witnesses = shared_witnesses(model.shared, keys, model.priors, has_stance=view is not None)
-        everyone = _of_references(model.references, model, view)
+        everyone = _of_references(model.references, model, view) if view else None
         return ModelColumns(with_firm(witnesses, firm), everyone, keys)
     candidates = [ref for ref in model.references if ref.candidate]
     others = [ref for ref in model.references if not ref.candidate]
@@ -160,7 +161,8 @@ def references_of(model: ScaleModel, view: Viewpoint | None) -> ModelColumns:
     witnesses = _of_references(candidates, model, view)._replace(
         group=np.array([keys.index(key) for key in ref_keys], dtype=np.intp)
     )
-    return ModelColumns(with_firm(witnesses, firm), _of_references(others, model, view), keys)
+    bystanders = _of_references(others, model, view) if view else None
+    return ModelColumns(with_firm(witnesses, firm), bystanders, keys)
 
 
 class ModelColumns(NamedTuple):
@@ -171,21 +173,23 @@ class ModelColumns(NamedTuple):
     ----------
     witnesses : Sized
         One row for each candidate among its references, and what is known of the camera.
-    bystanders : Sized
-        Its other objects.
+    bystanders : Sized or None
+        Its other objects, where they tell of a plane or a tilt.
     keys : list
         The mean size that each group shares, in the order of the groups.
     """
 
     witnesses: Sized
-    bystanders: Sized
+    bystanders: Sized | None
     keys: list[MeanKey | None]
 
 
 def _of_references(refs: Sequence[Reference], model: ScaleModel, view: Viewpoint | None) -> Sized:
     """Columns of some of a model's references, without their groups."""
-    rows = [rows_along(ref.prior_label, ref.axis, model.priors) for ref in refs]
+    sizes = [size_along(ref.prior_label, ref.axis, model.priors) for ref in refs]
     moments = [(ref.prior_m, ref.prior_std_m, ref.prior_mean_std_m) for ref in refs]
+    mean_m, std_m, mean_std_m = np.array(moments, dtype=np.float64).reshape(-1, 3).T
+    prior_log, prior_var = log_moments(mean_m, std_m)
     depth = np.array([ref.depth for ref in refs], dtype=np.float64)
     pixels = np.array([ref.pixels for ref in refs], dtype=np.float64)
     alone = view is not None and view.alone
@@ -203,8 +207,10 @@ def _of_references(refs: Sequence[Reference], model: ScaleModel, view: Viewpoint
         inverse_depth=depth * np.nan if alone else LAWS[model.kind].inverse_depth(depth),
         pixels=pixels,
         noise_var=np.array([ref.noise_rel for ref in refs], dtype=np.float64) ** 2,
-        kinds=log_kinds(rows),
-        moments=np.array(moments, dtype=np.float64).reshape(-1, 3).T,
+        kinds=columns_of(sizes, np.arange(len(sizes))).kinds,
+        prior_log=prior_log,
+        prior_var=prior_var,
+        tau=mean_std_m / mean_m,
         group=np.full(depth.size, -1, dtype=np.intp),
         unknown_noise=model.unknown_noise,
         stance=stance,
@@ -263,8 +269,12 @@ def chosen(objects: Sized, rows: IntArray) -> Sized:
     Sized
         The rows.
     """
+    if rows.size == objects.image.size:
+        return objects  # whose groups were numbered so
     picked = objects.rows(rows)
-    return picked._replace(group=np.unique(picked.group, return_inverse=True)[1].astype(np.intp))
+    group = picked.group.tolist()
+    numbers = {old: new for new, old in enumerate(sorted(set(group)))}
+    return picked._replace(group=np.array([numbers[old] for old in group], dtype=np.intp))
 
 
 def shared_witnesses(
@@ -293,7 +303,7 @@ def shared_witnesses(
     group = [keys.index(mean_key(row.label, row.axis, priors)) for row in rows]
     variance = np.array([1 / max(row.precision, _LEAST_PRECISION) for row in rows])
     log_k = np.array([row.log_k for row in rows])
-    moments = [moments_of(rows_along(row.label, row.axis, priors), row.axis) for row in rows]
+    sizes = [size_along(row.label, row.axis, priors) for row in rows]
     count, ones = len(rows), np.ones((len(rows), 1))
     lean = np.array([row.lean for row in rows], dtype=np.float64).reshape(-1, 2)
     return Sized(
@@ -303,7 +313,7 @@ def shared_witnesses(
         prior=Parts(ones, log_k[:, None], variance[:, None]),
         prior_log=log_k,
         prior_var=variance,
-        tau=np.array([m.mean_std_m / m.mean_m for m in moments], dtype=np.float64),
+        tau=np.array([size.tau for size in sizes], dtype=np.float64),
         image=np.zeros(count, dtype=np.intp),
         group=np.array(group, dtype=np.intp),
         told=np.ones(count, dtype=np.bool_),
@@ -348,8 +358,10 @@ def bystanders_of(objects: Sized, witnesses: IntArray) -> Sized:
     Sized
         The others, of no group.
     """
-    others = np.setdiff1d(np.arange(objects.image.size), witnesses)
-    return objects.rows(others)._replace(group=np.full(others.size, -1, dtype=np.intp))
+    is_other = np.ones(objects.image.size, dtype=np.bool_)
+    is_other[witnesses] = False
+    others = objects._replace(group=np.full_like(objects.group, -1))
+    return others.rows(is_other)
 
 
 def with_firm(witnesses: Sized, firm: Sequence[FirmWitness]) -> Sized:
@@ -396,14 +408,14 @@ def _sized(
     pixels: FloatArray,
     noise_var: FloatArray,
     kinds: Parts,
-    moments: FloatArray,
+    prior_log: FloatArray,
+    prior_var: FloatArray,
+    tau: FloatArray,
     group: IntArray,
     unknown_noise: bool,
     stance: Stance | None,
 ) -> Sized:
     """Columns of one image."""
-    mean_m, std_m, mean_std_m = moments
-    prior_log, prior_var = log_moments(mean_m, std_m)
     return Sized(
         inverse_depth=inverse_depth,
         log_pixels=np.log(pixels),
@@ -411,7 +423,7 @@ def _sized(
         prior=kinds,
         prior_log=prior_log,
         prior_var=prior_var,
-        tau=mean_std_m / mean_m,
+        tau=tau,
         image=np.zeros(group.size, dtype=np.intp),
         group=group,
         told=np.full(group.size, not unknown_noise),

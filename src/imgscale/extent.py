@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from imgscale._typing import BoolArray, FloatArray, ImageSize, SizeAxis
+from imgscale._typing import BoolArray, Box, FloatArray, ImageSize, SizeAxis
 
 # A box that leaves less than one pixel to the border may be cut there. Formats whose last pixel is
 # inclusive end at size - 1.
 _BORDER_PX = 1.0
 
 
-def pixel_extent(boxes: FloatArray, axis: SizeAxis) -> FloatArray:
+def pixel_extents(boxes: FloatArray) -> dict[SizeAxis, FloatArray]:
     """
-    Measure boxes along an axis.
+    Measure boxes along every axis.
 
     Parameters
     ----------
     boxes : (N, 4) ndarray of float
         Boxes x1, y1, x2, y2, in pixels.
-    axis : str
-        "height", "width" or "diameter". A circle seen from the side is an ellipse whose long axis
-        keeps the diameter, so that one is the longer side of the box.
 
     Returns
     -------
-    (N,) ndarray of float
-        Extents in pixels, positive.
+    dict of str to (N,) ndarray of float
+        Extents in pixels, positive, for "height", "width" and "diameter". A circle seen from the
+        side is an ellipse whose long axis keeps the diameter, so that this is the longer side of
+        the box.
     """
-    width = boxes[:, 2] - boxes[:, 0]
-    height = boxes[:, 3] - boxes[:, 1]
-    if axis == "diameter":
-        return np.maximum(width, height)
-    return height if axis == "height" else width
+    x1, y1, x2, y2 = boxes.T
+    width, height = x2 - x1, y2 - y1
+    return {"height": height, "width": width, "diameter": np.maximum(width, height)}
 
 
 def extent_rel_std(pixels: FloatArray, box_px: float, box_rel: float) -> FloatArray:
@@ -73,33 +72,35 @@ def outside_image(boxes: FloatArray, image_size: ImageSize) -> BoolArray:
     return _beyond(boxes, image_size) > _BORDER_PX
 
 
-def touches_border(boxes: FloatArray, image_size: ImageSize) -> BoolArray:
+def touches_border(boxes: Sequence[Box], image_size: ImageSize | None) -> list[bool]:
     """
     Tell which boxes end at the image's border, where the object may go on.
 
     Parameters
     ----------
-    boxes : (N, 4) ndarray of float
-        Boxes x1, y1, x2, y2, in pixels.
-    image_size : (width, height)
-        Size of the image in pixels.
+    boxes : sequence of tuple of float
+        Boxes (x1, y1, x2, y2), in pixels.
+    image_size : (width, height) or None
+        Size of the image in pixels; where it is not known, none is taken to end there.
 
     Returns
     -------
-    (N,) ndarray of bool
+    list of bool
         True where less than a whole pixel of background is left on the left or above, and at most
         one on the right or below, where boxes of inclusive formats end.
     """
-    width, height = image_size
-    return (
-        (boxes[:, :2] < _BORDER_PX).any(axis=1)
-        | (boxes[:, 2] >= width - _BORDER_PX)
-        | (boxes[:, 3] >= height - _BORDER_PX)
-    )
+    if image_size is None:
+        return [False] * len(boxes)
+    right, bottom = image_size[0] - _BORDER_PX, image_size[1] - _BORDER_PX
+    return [
+        x1 < _BORDER_PX or y1 < _BORDER_PX or x2 >= right or y2 >= bottom
+        for x1, y1, x2, y2 in boxes
+    ]
 
 
 def _beyond(boxes: FloatArray, image_size: ImageSize) -> FloatArray:
     """Pixels by which boxes reach beyond the image, negative inside it."""
-    over: FloatArray = boxes[:, 2:] - np.asarray(image_size, dtype=np.float64)
-    beyond: FloatArray = np.maximum(over.max(axis=1), -boxes[:, :2].min(axis=1))
+    width, height = image_size
+    x1, y1, x2, y2 = boxes.T
+    beyond: FloatArray = np.maximum(np.maximum(x2 - width, y2 - height), -np.minimum(x1, y1))
     return beyond

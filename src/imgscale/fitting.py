@@ -11,11 +11,9 @@ import numpy as np
 from imgscale._checks import check_choice, check_type
 from imgscale._typing import DepthKind, FitMethod
 from imgscale.camera import Camera
-from imgscale.columns import in_groups, objects_of, shared_keys
 from imgscale.core.mixture import half_width
 from imgscale.core.predictive import scale_of
 from imgscale.core.solving import Estimate, PlaneEstimate, Problem, estimate
-from imgscale.core.witnesses import Sized
 from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
 from imgscale.detection import Detection, check_detections
 from imgscale.fitted_plane import FittedPlane
@@ -24,11 +22,12 @@ from imgscale.model import ScaleModel
 from imgscale.noise import Noise
 from imgscale.object_depth import with_image_size
 from imgscale.observations import Observations, observe
-from imgscale.posing import Setting, problem_of, solve_by, view_of
+from imgscale.posing import Setting, pose, solve_by, view_of
 from imgscale.priors import PriorTable
 from imgscale.reference import Reference
 from imgscale.referencing import Belief, explain_references
 from imgscale.reservations import reservations
+from imgscale.shared_scale import SharedScale
 
 __all__ = ["fit"]
 
@@ -229,14 +228,12 @@ def fit_observed(
     FitError
         If the references do not fix the scale.
     """
-    problem = problem_of(detections, obs, setting)
-    cases = solve_by(setting.method, problem)
-    found = estimate(problem, cases)
+    posed = pose(detections, obs, setting)
+    cases = solve_by(setting.method, posed.problem)
+    found = estimate(posed.problem, cases)
     log_k = float(found.log_k[0])
-    objects = objects_of(obs, view_of(setting))
-    candidates, belief = _candidates(detections, obs, setting, problem, objects)
     references = explain_references(
-        detections, obs, setting.priors, objects, candidates, cases, found, belief
+        detections, obs, setting.priors, posed, cases, found, _belief(setting.shared)
     )
     plane = _plane(found.plane, setting)
     shift = _shift(found, plane, setting.kind)
@@ -248,7 +245,7 @@ def fit_observed(
         mean_depth=_mean_depth(references, setting.kind, shift["shift"]),
         references=references,
         flags=reservations(detections, references, obs, found, setting),
-        depth_rel=_depth_rel(found, problem, setting),
+        depth_rel=_depth_rel(found, posed.problem, setting),
         **setting.kept(),
     )
 
@@ -260,25 +257,15 @@ def _depth_rel(found: Estimate, problem: Problem, setting: Setting) -> float | N
     return setting.depth_rel
 
 
-def _candidates(
-    detections: Sequence[Detection],
-    obs: Observations,
-    setting: Setting,
-    problem: Problem,
-    objects: Sized,
-) -> tuple[Sized, Belief | None]:
-    """Look up the references as they are by themselves, and how many frames took them, if so."""
-    shared = setting.shared
+def _belief(shared: SharedScale | None) -> Belief | None:
+    """Look up how many frames took the references, if they did."""
     if shared is None:
-        return problem.witnesses.rows(np.arange(obs.eligible.size)), None
-    keys = shared_keys(shared, setting.priors)
-    grouped = in_groups(objects, detections, obs, keys, setting.priors).rows(obs.eligible)
-    belief = Belief(
+        return None
+    return Belief(
         trust=np.array([row.trust for row in shared.own], dtype=np.float64),
         kind=np.array([row.kind for row in shared.own], dtype=np.intp),
         probability=np.array([row.kind_probability for row in shared.own], dtype=np.float64),
     )
-    return grouped, belief
 
 
 class _Shift(TypedDict):
@@ -306,7 +293,7 @@ def _shift(found: Estimate, plane: FittedPlane | None, kind: DepthKind) -> _Shif
 
 def _plane(found: PlaneEstimate | None, setting: Setting) -> FittedPlane | None:
     """Report the plane in pixels of the image, metres and degrees."""
-    view = view_of(setting)
+    view = view_of(setting) if found else None
     if found is None or view is None:
         return None
     height_m, slope = math.exp(float(found.log_height[0])), float(found.slope[0])
@@ -404,6 +391,6 @@ def _mean_depth(references: Sequence[Reference], kind: DepthKind, shift: float) 
     law = LAWS[kind]
     depths = np.array([ref.depth for ref in references if ref.used], dtype=np.float64)
     with np.errstate(divide="ignore"):
-        distances = law.relative_distance(depths, shift)
-    distances = distances[np.isfinite(distances) & (distances > 0)]
-    return law.value_at(float(distances.mean()), shift) if distances.size else math.nan
+        distances = law.relative_distance(depths, shift).tolist()
+    finite = [distance for distance in distances if 0 < distance < math.inf]
+    return law.value_at(math.fsum(finite) / len(finite), shift) if finite else math.nan

@@ -230,8 +230,4 @@ def flags_where(raised: Mapping[Flag, bool]) -> Flag:
     Flag
         The flags.
     """
-    flags = Flag(0)
-    for flag, is_raised in raised.items():
-        if is_raised:
-            flags |= flag
-    return flags
+    return Flag(sum([flag.value for flag, is_raised in raised.items() if is_raised]))

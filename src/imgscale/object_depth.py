@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -94,17 +95,18 @@ def object_depths(
             )
             raise ValueError(msg)
         unknown = noise.depth_rel is None and depth.rel_std is None
-        own = np.full(count, depth.rel_std or 0.0)
+        rel_std = np.full(count, math.hypot(depth.rel_std or 0.0, noise.depth_rel or 0.0))
         mixed = np.zeros(count, dtype=np.bool_)
-        values = depth.values.astype(np.float64)
+        values = np.asarray(depth.values, dtype=np.float64)
     else:
         unknown = noise.depth_rel is None
         origin = _origin(depth)
         samples = [_sample(detection, depth, origin) for detection in detections]
         values = np.array([sample.value for sample in samples], dtype=np.float64)
         own = np.array([sample.rel_std for sample in samples], dtype=np.float64)
+        rel_std = np.hypot(own, noise.depth_rel or 0.0)
         mixed = np.array([sample.mixed for sample in samples], dtype=np.bool_)
-    return DepthColumns(values, np.hypot(own, noise.depth_rel or 0.0), unknown, mixed)
+    return DepthColumns(values, rel_std, unknown, mixed)
 
 
 def foot_depths(rows: FloatArray, noise: Noise) -> DepthColumns:

@@ -33,6 +33,7 @@ SHIPPED = "priors_2026_11.csv"
 _UNIT_FACTOR = 5.0
 
 
+@functools.lru_cache(maxsize=4096)  # a detector has few labels, and each image asks for them all
 def normal_label(label: str) -> str:
     """
     Bring a label to the form in which labels are compared.

@@ -8,7 +8,8 @@ they cannot sample, measure or select differently.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -17,17 +18,15 @@ from imgscale._typing import BoolArray, FloatArray, ImageSize, IntArray, SizeAxi
 from imgscale.core.segments import Parts
 from imgscale.depth import Depth, GroundPlane, ObjectDepths, check_depth_type
 from imgscale.detection import Detection
-from imgscale.extent import extent_rel_std, outside_image, pixel_extent, touches_border
+from imgscale.extent import extent_rel_std, outside_image, pixel_extents, touches_border
 from imgscale.laws import LAWS
 from imgscale.noise import Noise
 from imgscale.object_depth import DepthColumns, foot_depths, object_depths
-from imgscale.object_prior import SIZE_AXES
 from imgscale.prior_choice import (
-    MeanKey,
-    PriorChoice,
+    NOTHING_KNOWN,
+    SizePrior,
     choose_prior,
-    log_kinds,
-    mean_key_of,
+    columns_of,
     prior_label,
 )
 from imgscale.priors import PriorTable
@@ -36,7 +35,7 @@ from imgscale.thickness import surface_depth, view_extent
 
 __all__ = ["Observations", "observe"]
 
-Extents: TypeAlias = Mapping[SizeAxis, FloatArray]
+Extents: TypeAlias = Mapping[SizeAxis, float]
 
 NO_PRIOR = "no prior"
 PARTIAL = "partial"
@@ -50,6 +49,10 @@ class Observations(NamedTuple):
 
     Attributes
     ----------
+    known_as : tuple of str
+        The name under which the table of priors was asked for each row.
+    prior : tuple of SizePrior
+        What it knows of each along its axis.
     axis : tuple of str
         The axis that each row measures.
     pixels : (N,) ndarray of float64
@@ -64,6 +67,9 @@ class Observations(NamedTuple):
         True where nobody told how much the depths err besides.
     prior_m, prior_std_m, prior_mean_std_m : (N,) ndarray of float64
         The label's prior along the axis, moments of the mixture; NaN without one.
+    prior_log, prior_var, tau : (N,) ndarray of float64
+        Mean and variance of the log size, all kinds together, and relative error of the label's
+        mean.
     kinds : Parts
         Log sizes of the kinds of thing that the label may be, (N, J); NaN without a prior.
     group : (N,) ndarray of int
@@ -79,6 +85,8 @@ class Observations(NamedTuple):
         Why a row cannot be a reference, empty where it can.
     """
 
+    known_as: tuple[str, ...]
+    prior: tuple[SizePrior, ...]
     axis: tuple[SizeAxis, ...]
     pixels: FloatArray
     depth: FloatArray
@@ -89,6 +97,9 @@ class Observations(NamedTuple):
     prior_m: FloatArray
     prior_std_m: FloatArray
     prior_mean_std_m: FloatArray
+    prior_log: FloatArray
+    prior_var: FloatArray
+    tau: FloatArray
     kinds: Parts
     group: IntArray
     mixed: BoolArray
@@ -110,7 +121,7 @@ class Observations(NamedTuple):
     @property
     def eligible(self) -> IntArray:
         """The rows that can be references."""
-        return np.flatnonzero([not reason for reason in self.reason])
+        return np.array([row for row, why in enumerate(self.reason) if not why], dtype=np.intp)
 
 
 def observe(
@@ -157,82 +168,94 @@ def observe(
         If depth is not one of the depth types.
     """
     depth = check_depth_type(depth)
-    ground = depth if isinstance(depth, GroundPlane) else ground
-    boxes = _boxes(detections)
-    _check_in_image(boxes, depth, masked=any(d.mask is not None for d in detections))
-    _check_masks(detections, depth)
-    extents: Extents = {name: pixel_extent(boxes, name) for name in SIZE_AXES}
-    choice = [
-        choose_prior(prior_label(detection, priors), _extents_of(extents, row), priors, noise, axis)
-        for row, detection in enumerate(detections)
+    boxes, at_border = _boxes(detections, depth.image_size)
+    known_as = tuple([prior_label(detection, priors) for detection in detections])
+    extents = _extents(boxes)
+    prior = [
+        choose_prior(name, own, priors, noise, axis)
+        for name, own in zip(known_as, extents, strict=True)
     ]
-    pixels = np.array([extents[c.axis][i] for i, c in enumerate(choice)], dtype=np.float64)
-    feet = np.full((len(detections), 2), np.nan)
-    if ground:
-        stands = np.array(
-            [
-                all(row.on_ground for row in priors.lookup(prior_label(d, priors)))
-                for d in detections
-            ],
-            dtype=np.bool_,
-        )
-        feet = feet_of(detections, stands, ground.image_size)
-    depths = (
-        foot_depths(feet[:, 1], noise)
-        if isinstance(depth, GroundPlane)
-        else object_depths(detections, depth, noise)
-    )
+    feet = _feet(detections, known_as, priors, depth if isinstance(depth, GroundPlane) else ground)
+    if isinstance(depth, GroundPlane):
+        depths = foot_depths(feet[:, 1], noise)
+    else:
+        depths = object_depths(detections, depth, noise)
     if isinstance(depth, ObjectDepths) and depth.depth_at == "centre":
-        depths = _on_surface(depths, detections, extents, priors, noise, k)
-    marked = np.array([detection.partial for detection in detections], dtype=np.bool_)
-    partial = (
-        marked if depth.image_size is None else marked | touches_border(boxes, depth.image_size)
-    )
+        depths = _on_surface(depths, known_as, extents, priors, noise, k)
+    pixels = np.array([own[row.axis] for own, row in zip(extents, prior, strict=True)], np.float64)
+    partial = [d.partial or cut for d, cut in zip(detections, at_border, strict=True)]
+    group, distinct = _groups(prior)
+    sizes = columns_of(distinct, group)
     return Observations(
-        axis=tuple(c.axis for c in choice),
+        known_as=known_as,
+        prior=tuple(prior),
+        axis=tuple([row.axis for row in prior]),
         pixels=pixels,
         depth=depths.value,
         inverse_depth=LAWS[depth.kind].inverse_depth(depths.value),
         box_var=extent_rel_std(pixels, noise.box_px, noise.box_rel) ** 2,
         depth_var=depths.rel_std**2,
         unknown_noise=depths.unknown_noise,
-        prior_m=np.array([c.mean_m for c in choice], dtype=np.float64),
-        prior_std_m=np.array([c.std_m for c in choice], dtype=np.float64),
-        prior_mean_std_m=np.array([c.mean_std_m for c in choice], dtype=np.float64),
-        kinds=log_kinds([c.rows for c in choice]),
-        group=_groups(detections, priors, choice),
+        prior_m=sizes.mean_m,
+        prior_std_m=sizes.std_m,
+        prior_mean_std_m=sizes.mean_std_m,
+        prior_log=sizes.log_mean,
+        prior_var=sizes.log_var,
+        tau=sizes.tau,
+        kinds=sizes.kinds,
+        group=group,
         mixed=depths.mixed,
-        partial=partial,
+        partial=np.array(partial, dtype=np.bool_),
         boxes=boxes,
         feet=feet,
-        reason=tuple(
-            _reason(c, cut, value)
-            for c, cut, value in zip(choice, partial, depths.value, strict=True)
-        ),
+        reason=tuple(map(_reason, prior, partial, depths.value.tolist())),
     )
 
 
-def _boxes(detections: Sequence[Detection]) -> FloatArray:
-    return np.array([d.xyxy for d in detections], dtype=np.float64).reshape(-1, 4)
+def _boxes(
+    detections: Sequence[Detection], image_size: ImageSize | None
+) -> tuple[FloatArray, list[bool]]:
+    """Gather the boxes, and which of them end at the border; raise where they cannot be."""
+    corners = [detection.xyxy for detection in detections]
+    boxes = np.fromiter(chain.from_iterable(corners), np.float64).reshape(-1, 4)
+    at_border = touches_border(corners, image_size)
+    _check_in_pixels(boxes, detections)
+    if image_size:
+        if any(at_border):  # as is whatever reaches beyond it
+            _check_in_image(boxes, image_size)
+        _check_masks(detections, image_size)
+    return boxes, at_border
 
 
-def _check_in_image(boxes: FloatArray, depth: Depth, *, masked: bool) -> None:
+def _extents(boxes: FloatArray) -> list[Extents]:
+    """Measure each object along each axis."""
+    extents = {axis: column.tolist() for axis, column in pixel_extents(boxes).items()}
+    sides = zip(extents["height"], extents["width"], extents["diameter"], strict=True)
+    return [{"height": tall, "width": wide, "diameter": long} for tall, wide, long in sides]
+
+
+def _check_in_pixels(boxes: FloatArray, detections: Sequence[Detection]) -> None:
+    """Raise where the boxes look like ratios."""
     # a mask is of pixels, whatever its box looks like
-    if boxes.size and not masked and boxes.min() >= 0 and boxes.max() <= 1:
+    if not (boxes.size and all(0 <= number <= 1 for number in boxes.flat)):
+        return
+    if all(detection.mask is None for detection in detections):
         msg = (
             f"`xyxy` must be in pixels; got {tuple(boxes[0].tolist())} and the like, all in the "
             "first pixel. Ratios of the image's size go through Detection.from_ratios()."
         )
         raise ValueError(msg)
-    if depth.image_size is None or not boxes.size:
-        return
-    beyond = np.flatnonzero(outside_image(boxes, depth.image_size))
+
+
+def _check_in_image(boxes: FloatArray, image_size: ImageSize) -> None:
+    """Raise where boxes reach beyond the image."""
+    (beyond,) = outside_image(boxes, image_size).nonzero()
     if beyond.size:
         index = int(beyond[0])
-        width, height = depth.image_size
+        width, height = image_size
         msg = (
             f"`xyxy` must lie in the image, {width} x {height} px; got "
-            f"{tuple(boxes[index].tolist())} at index {index}. {_remedy(boxes, depth.image_size)}"
+            f"{tuple(boxes[index].tolist())} at index {index}. {_remedy(boxes, image_size)}"
         )
         raise ValueError(msg)
 
@@ -261,10 +284,9 @@ def _remedy(boxes: FloatArray, image_size: ImageSize) -> str:
     )
 
 
-def _check_masks(detections: Sequence[Detection], depth: Depth) -> None:
-    if depth.image_size is None:
-        return
-    width, height = depth.image_size
+def _check_masks(detections: Sequence[Detection], image_size: ImageSize) -> None:
+    """Raise where a mask is not of the image."""
+    width, height = image_size
     for index, detection in enumerate(detections):
         if detection.mask is not None and detection.mask.shape != (height, width):
             msg = (
@@ -274,54 +296,61 @@ def _check_masks(detections: Sequence[Detection], depth: Depth) -> None:
             raise ValueError(msg)
 
 
-def _extents_of(extents: Extents, row: int) -> dict[SizeAxis, float]:
-    """Extent of one object along each axis."""
-    return {name: float(extent[row]) for name, extent in extents.items()}
+def _feet(
+    detections: Sequence[Detection],
+    known_as: Sequence[str],
+    priors: PriorTable,
+    ground: GroundPlane | None,
+) -> FloatArray:
+    """Find where objects meet the ground, where that is asked for."""
+    if ground is None:
+        return np.full((len(detections), 2), np.nan)
+    stands = [all(row.on_ground for row in priors.lookup(name)) for name in known_as]
+    return feet_of(detections, np.array(stands, dtype=np.bool_), ground.image_size)
 
 
 def _on_surface(
     depths: DepthColumns,
-    detections: Sequence[Detection],
-    extents: Extents,
+    known_as: Sequence[str],
+    extents: Sequence[Extents],
     priors: PriorTable,
     noise: Noise,
     k: float | None,
 ) -> DepthColumns:
     """Take half the extents along the view off the depths of centres."""
-    scale = np.full(len(detections), math.nan) if k is None else k * depths.value
-    long_m = np.full(len(detections), math.nan)
-    for i, detection in enumerate(detections):
-        pixels = _extents_of(extents, i)
-        own = choose_prior(prior_label(detection, priors), pixels, priors, noise, None)
+    scale = np.full(len(known_as), math.nan) if k is None else k * depths.value
+    long_m = np.full(len(known_as), math.nan)
+    for i, (name, pixels) in enumerate(zip(known_as, extents, strict=True)):
+        own = choose_prior(name, pixels, priors, noise, None)
         told = [(row.share, row.depth_extent_m) for row in own.rows if row.depth_extent_m]
         if own.rows:
             scale[i] = own.mean_m / pixels[own.axis]
         if told:
             long_m[i] = sum(share * length for share, length in told) / sum(s for s, _ in told)
-    extent_m, std_m = view_extent(scale * extents["width"], long_m)
+    width_px = np.array([own["width"] for own in extents], dtype=np.float64)
+    extent_m, std_m = view_extent(scale * width_px, long_m)
     # an object without a prior is no reference: its depth may stay that of its centre
     value, rel_std = surface_depth(depths.value, np.nan_to_num(extent_m), np.nan_to_num(std_m))
     return depths._replace(value=value, rel_std=np.hypot(depths.rel_std, rel_std))
 
 
-def _groups(
-    detections: Sequence[Detection], priors: PriorTable, choice: Sequence[PriorChoice]
-) -> IntArray:
-    """Give every label (aliases are one) and axis, which share one mean, a number."""
-    numbers: dict[MeanKey, int] = {}
-    groups = np.full(len(detections), -1, dtype=np.intp)
-    for i, (detection, witness) in enumerate(zip(detections, choice, strict=True)):
-        key = mean_key_of(detection, witness.axis, priors)
-        if key:
-            groups[i] = numbers.setdefault(key, len(numbers))
-    return groups
+def _groups(prior: Iterable[SizePrior]) -> tuple[IntArray, list[SizePrior]]:
+    """
+    Give every label (aliases are one) and axis, which share one mean, a number; -1 without a prior.
+
+    The list has the prior of each number and, where -1 looks it up, last that of nothing.
+    """
+    distinct = {row.key: row for row in prior if row.key}
+    numbers = {key: number for number, key in enumerate(distinct)}
+    group = np.array([-1 if row.key is None else numbers[row.key] for row in prior], dtype=np.intp)
+    return group, [*distinct.values(), NOTHING_KNOWN["height"]]
 
 
-def _reason(witness: PriorChoice, partial: np.bool_, depth: np.float64) -> str:
-    if math.isnan(witness.mean_m):
+def _reason(prior: SizePrior, partial: bool, depth: float) -> str:  # noqa: FBT001 - a column
+    if not prior.rows:
         return NO_PRIOR
     if partial:
         return PARTIAL
     if not math.isnan(depth):
         return ""
-    return NO_DEPTH if witness.on_ground else OFF_GROUND
+    return NO_DEPTH if prior.on_ground else OFF_GROUND

@@ -14,6 +14,7 @@ from imgscale.columns import (
     bystanders_of,
     chosen,
     firm_witnesses,
+    in_groups,
     objects_of,
     references_of,
     shared_keys,
@@ -80,17 +81,86 @@ class Setting(NamedTuple):
         dict
             By the names of the model's fields.
         """
-        return {name: value for name, value in self._asdict().items() if name != "depth_rel"}
+        kept = self._asdict()
+        del kept["depth_rel"]
+        return kept
 
 
-def problem_of(detections: Sequence[Detection], obs: Observations, setting: Setting) -> Problem:
+class Posed(NamedTuple):
+    """
+    Detections as the solver sees them.
+
+    Attributes
+    ----------
+    objects : Sized
+        All of them.
+    candidates : Sized
+        Those that can be references, as they are by themselves, in the problem's groups.
+    problem : Problem
+        What is to be solved, of one image.
+    """
+
+    objects: Sized
+    candidates: Sized
+    problem: Problem
+
+
+def pose(detections: Sequence[Detection], obs: Observations, setting: Setting) -> Posed:
     """
     Turn the rows that have no reason against them into a problem for the solver.
 
     Parameters
     ----------
     detections : sequence of Detection
-        The objects, for messages.
+        The objects.
+    obs : Observations
+        Their columns.
+    setting : Setting
+        The options of the fit.
+
+    Returns
+    -------
+    Posed
+        The problem, and the columns that it is made of.
+
+    Raises
+    ------
+    FitError
+        If the references do not fix the scale.
+    """
+    view = view_of(setting)
+    objects, others = objects_of(obs, view), obs.eligible
+    if setting.shared:
+        keys = shared_keys(setting.shared, setting.priors)
+        candidates = in_groups(objects, detections, obs, keys, setting.priors).rows(others)
+        witnesses = shared_witnesses(
+            setting.shared, keys, setting.priors, has_stance=view is not None
+        )
+        others = others[:0]
+    else:
+        candidates = witnesses = chosen(objects, others)
+    height = setting.ground and setting.ground.camera_height_m
+    if setting.kind == "affine_inverse":  # feet and depths alone do not tell its shift
+        height = None
+    if not (witnesses.image.size or camera_counts(setting) or height):
+        raise FitError(_no_reference(detections, obs))
+    problem = problem_of_columns(
+        witnesses,
+        setting,
+        unknown_noise=obs.unknown_noise,
+        bystanders=bystanders_of(objects, others) if view else None,
+    )
+    return Posed(objects, candidates, problem)
+
+
+def problem_of(detections: Sequence[Detection], obs: Observations, setting: Setting) -> Problem:
+    """
+    Pose the problem of a fit, as `pose` does, for those who need nothing else.
+
+    Parameters
+    ----------
+    detections : sequence of Detection
+        The objects.
     obs : Observations
         Their columns.
     setting : Setting
@@ -106,31 +176,18 @@ def problem_of(detections: Sequence[Detection], obs: Observations, setting: Sett
     FitError
         If the references do not fix the scale.
     """
-    view = view_of(setting)
-    objects, others = objects_of(obs, view), obs.eligible
-    if setting.shared:
-        keys = shared_keys(setting.shared, setting.priors)
-        witnesses = shared_witnesses(
-            setting.shared, keys, setting.priors, has_stance=view is not None
-        )
-        others = others[:0]
-    else:
-        witnesses = chosen(objects, obs.eligible)
-    height = setting.ground and setting.ground.camera_height_m
-    if setting.kind == "affine_inverse":  # feet and depths alone do not tell its shift
-        height = None
-    if not (witnesses.image.size or camera_counts(setting) or height):
-        raise FitError(_no_reference(detections, obs))
-    problem = problem_of_columns(witnesses, setting)
-    return problem._replace(
-        unknown_noise=obs.unknown_noise,
-        bystanders=bystanders_of(objects, others) if view else None,
-    )
+    return pose(detections, obs, setting).problem
 
 
-def problem_of_columns(witnesses: Sized, setting: Setting) -> Problem:
+def problem_of_columns(
+    witnesses: Sized,
+    setting: Setting,
+    *,
+    unknown_noise: bool = False,
+    bystanders: Sized | None = None,
+) -> Problem:
     """
-    Pose a problem of one image by its references alone.
+    Pose a problem of one image by its references and, where there are any, its other objects.
 
     Parameters
     ----------
@@ -138,6 +195,10 @@ def problem_of_columns(witnesses: Sized, setting: Setting) -> Problem:
         The references.
     setting : Setting
         The options of the fit.
+    unknown_noise : bool
+        True where nobody told the noise of the depths.
+    bystanders : Sized, optional
+        Objects that only tell of the plane.
 
     Returns
     -------
@@ -158,9 +219,10 @@ def problem_of_columns(witnesses: Sized, setting: Setting) -> Problem:
         witnesses=with_firm(witnesses, firm),
         n_images=1,
         has_shift=has_shift,
-        unknown_noise=False,
+        unknown_noise=unknown_noise,
         exact=setting.method == "posterior",
         scene=_scene(view_of(setting), setting.shared),
+        bystanders=bystanders,
     )
 
 
@@ -219,7 +281,7 @@ def problem_of_model(model: ScaleModel) -> tuple[Problem, list[MeanKey | None]]:
         unknown_noise=model.unknown_noise,
         exact=model.method == "posterior",
         scene=_scene(view, model.shared),
-        bystanders=columns.bystanders if view else None,
+        bystanders=columns.bystanders,
     )
     return problem, columns.keys
 

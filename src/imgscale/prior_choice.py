@@ -4,45 +4,46 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from itertools import chain
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
-from imgscale._typing import FloatArray, SizeAxis
+from imgscale._typing import FloatArray, IntArray, SizeAxis
 from imgscale.core.segments import Parts
 from imgscale.detection import Detection
-from imgscale.extent import extent_rel_std
 from imgscale.noise import Noise
-from imgscale.object_prior import SIZE_AXES, ObjectPrior, normal_label
-from imgscale.priors import PriorTable
+from imgscale.object_prior import SIZE_AXES, ObjectPrior
+from imgscale.priors import (
+    MeanKey,
+    PriorTable,
+    SizePrior,
+    log_moments,
+    moments_of,
+)
 
-MeanKey: TypeAlias = tuple[str, SizeAxis]
+__all__ = [
+    "NOTHING_KNOWN",
+    "MeanKey",
+    "PriorColumns",
+    "SizePrior",
+    "choose_prior",
+    "columns_of",
+    "log_kinds",
+    "log_moments",
+    "mean_key",
+    "mean_key_of",
+    "moments_of",
+    "prior_label",
+    "rows_along",
+    "size_along",
+]
 
-
-class PriorChoice(NamedTuple):
-    """
-    One axis of one label.
-
-    Attributes
-    ----------
-    axis : str
-        The axis.
-    rows : tuple of ObjectPrior
-        The rows of the table, one for each kind of thing that the label may be; empty without.
-    mean_m, std_m, mean_std_m : float
-        Moments of the mixture, in metres; NaN without a prior.
-    """
-
-    axis: SizeAxis
-    rows: tuple[ObjectPrior, ...]
-    mean_m: float
-    std_m: float
-    mean_std_m: float
-
-    @property
-    def on_ground(self) -> bool:
-        """True where the lower edge of the box is where the object stands, as far as is known."""
-        return all(row.on_ground for row in self.rows)
+# By axis, for labels without a prior.
+NOTHING_KNOWN: Mapping[SizeAxis, SizePrior] = MappingProxyType(
+    {axis: moments_of((), axis) for axis in SIZE_AXES}
+)
 
 
 def choose_prior(
@@ -51,7 +52,7 @@ def choose_prior(
     priors: PriorTable,
     noise: Noise,
     axis: SizeAxis | None,
-) -> PriorChoice:
+) -> SizePrior:
     """
     Choose the axis whose prior and box together err least, or take the one asked for.
 
@@ -70,19 +71,20 @@ def choose_prior(
 
     Returns
     -------
-    PriorChoice
+    SizePrior
         Without rows where the table does not know the label.
     """
-    names: tuple[SizeAxis, ...] = (axis,) if axis else SIZE_AXES
-    choices = [moments_of(rows_along(label, name, priors), name) for name in names]
-    choices = [choice for choice in choices if choice.rows] or choices[:1]
+    if axis:
+        return size_along(label, axis, priors)
+    choices = tuple(priors.sizes(label).values()) or (NOTHING_KNOWN[SIZE_AXES[0]],)
+    if len(choices) == 1:
+        return choices[0]
 
-    def error(choice: PriorChoice) -> float:
-        pixels = np.array([extents_px[choice.axis]])
-        box = float(extent_rel_std(pixels, noise.box_px, noise.box_rel)[0])
-        return math.hypot(choice.std_m / choice.mean_m, choice.mean_std_m / choice.mean_m, box)
+    def error(prior: SizePrior) -> float:
+        box = math.hypot(noise.box_px / extents_px[prior.axis], noise.box_rel)
+        return math.hypot(prior.std_m / prior.mean_m, prior.mean_std_m / prior.mean_m, box)
 
-    return min(choices, key=error) if len(choices) > 1 else choices[0]
+    return min(choices, key=error)
 
 
 def prior_label(detection: Detection, priors: PriorTable) -> str:
@@ -101,7 +103,9 @@ def prior_label(detection: Detection, priors: PriorTable) -> str:
     str
         Its label, or the first of its aliases that is known where the label is not.
     """
-    return next((name for name in detection.names if name in priors), detection.label)
+    if detection.label in priors:
+        return detection.label
+    return next((name for name in detection.aliases if name in priors), detection.label)
 
 
 def mean_key(label: str, axis: SizeAxis, priors: PriorTable) -> MeanKey | None:
@@ -122,8 +126,7 @@ def mean_key(label: str, axis: SizeAxis, priors: PriorTable) -> MeanKey | None:
     tuple of str or None
         The table's label and the axis; None without a prior.
     """
-    rows = rows_along(label, axis, priors)
-    return (normal_label(rows[0].label), axis) if rows else None
+    return size_along(label, axis, priors).key
 
 
 def mean_key_of(detection: Detection, axis: SizeAxis, priors: PriorTable) -> MeanKey | None:
@@ -165,7 +168,28 @@ def rows_along(label: str, axis: SizeAxis, priors: PriorTable) -> tuple[ObjectPr
     tuple of ObjectPrior
         The rows, one for each kind of thing that the label may be.
     """
-    return tuple(row for row in priors.lookup(label) if row.axis == axis)
+    return size_along(label, axis, priors).rows
+
+
+def size_along(label: str, axis: SizeAxis, priors: PriorTable) -> SizePrior:
+    """
+    Find what is known of a label along an axis.
+
+    Parameters
+    ----------
+    label : str
+        The label, or one of its aliases.
+    axis : str
+        The axis.
+    priors : PriorTable
+        Sizes by label.
+
+    Returns
+    -------
+    SizePrior
+        Without rows where nothing is known.
+    """
+    return priors.sizes(label).get(axis) or NOTHING_KNOWN[axis]
 
 
 def log_kinds(choices: Sequence[Sequence[ObjectPrior]]) -> Parts:
@@ -183,59 +207,61 @@ def log_kinds(choices: Sequence[Sequence[ObjectPrior]]) -> Parts:
         Of shape (N, J): shares that sum to 1, ``mu = log(mean) - s^2 / 2`` and
         ``s^2 = log(1 + (std / mean)^2)``; NaN where there is no row.
     """
-    width = max((len(rows) for rows in choices), default=1) or 1
-    columns = np.zeros((3, len(choices), width))
-    columns[:, [not rows for rows in choices]] = np.nan
-    for index, rows in enumerate(choices):
-        total = sum(row.share for row in rows)
-        for place, row in enumerate(rows):
-            log_mean, log_var = log_moments(row.mean_m, row.std_m)
-            columns[:, index, place] = row.share / total, log_mean, log_var
-    return Parts(*columns)
+    sizes = [moments_of(rows, SIZE_AXES[0]) for rows in choices]
+    return columns_of(sizes, np.arange(len(sizes))).kinds
 
 
-def log_moments(
-    mean_m: FloatArray | float, std_m: FloatArray | float
-) -> tuple[FloatArray, FloatArray]:
+class PriorColumns(NamedTuple):
     """
-    Turn a mean and a standard deviation into those of the logarithm of a log-normal size.
+    Priors of objects.
+
+    Attributes
+    ----------
+    mean_m, std_m, mean_std_m : (N,) ndarray of float64
+        Moments of the mixture, in metres; NaN without a prior.
+    log_mean, log_var, tau : (N,) ndarray of float64
+        Mean and variance of the log size, all kinds together, and relative error of the mean.
+    kinds : Parts
+        Log sizes of the kinds of thing that each may be, (N, J): the share 0 where an object has
+        fewer kinds, NaN where it has none.
+    """
+
+    mean_m: FloatArray
+    std_m: FloatArray
+    mean_std_m: FloatArray
+    log_mean: FloatArray
+    log_var: FloatArray
+    tau: FloatArray
+    kinds: Parts
+
+
+def columns_of(sizes: Sequence[SizePrior], number: IntArray) -> PriorColumns:
+    """
+    Put the priors of objects into columns.
 
     Parameters
     ----------
-    mean_m, std_m : float or ndarray of float
-        Arithmetic mean and standard deviation, in metres.
+    sizes : sequence of SizePrior
+        The priors.
+    number : (N,) ndarray of int
+        Which of them each object has.
 
     Returns
     -------
-    log_mean, log_var : float64 or ndarray of float64
-        ``log(mean) - s^2 / 2`` and ``s^2 = log(1 + (std / mean)^2)``.
+    PriorColumns
+        One row for each object.
     """
-    log_var: FloatArray = np.log1p((np.asarray(std_m, dtype=np.float64) / mean_m) ** 2)
-    return np.log(mean_m) - log_var / 2, log_var
-
-
-def moments_of(rows: Sequence[ObjectPrior], axis: SizeAxis) -> PriorChoice:
-    """
-    Compute mean, spread and error of the mean of a mixture of sizes.
-
-    Parameters
-    ----------
-    rows : sequence of ObjectPrior
-        The kinds of thing.
-    axis : str
-        Their axis.
-
-    Returns
-    -------
-    PriorChoice
-        The spread holds the distance between the parts: ``sum w (std^2 + mean^2) - mean^2``.
-    """
-    if not rows:
-        return PriorChoice(axis, (), math.nan, math.nan, math.nan)
-    if len(rows) == 1:
-        return PriorChoice(axis, tuple(rows), rows[0].mean_m, rows[0].std_m, rows[0].mean_std_m)
-    total = sum(row.share for row in rows)
-    mean_m = sum(row.share * row.mean_m for row in rows) / total
-    variance = sum(row.share * (row.std_m**2 + (row.mean_m - mean_m) ** 2) for row in rows) / total
-    mean_std_m = sum(row.share * row.mean_std_m for row in rows) / total
-    return PriorChoice(axis, tuple(rows), mean_m, math.sqrt(variance), mean_std_m)
+    width = max([len(size.kinds) for size in sizes], default=0) or 1
+    rows = [
+        (
+            *(size.mean_m, size.std_m, size.mean_std_m, size.log_mean, size.log_var, size.tau),
+            *chain.from_iterable(size.kinds),
+            *(0.0 if size.kinds else math.nan,) * 3 * (width - len(size.kinds)),
+        )
+        for size in sizes
+    ]
+    table = np.array(rows, dtype=np.float64).reshape(-1, 6 + 3 * width)[number]
+    share, mean, variance = (table[:, first::3] for first in (6, 7, 8))
+    mean_m, std_m, mean_std_m, log_mean, log_var, tau = table[:, :6].T
+    kinds = Parts(share, mean, variance)
+    return PriorColumns(mean_m, std_m, mean_std_m, log_mean, log_var, tau, kinds)

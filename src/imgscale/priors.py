@@ -3,20 +3,138 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from os import PathLike
+from types import MappingProxyType
+from typing import NamedTuple, TypeAlias
 
 import attrs
+import numpy as np
 
 from imgscale._checks import check_choice, check_iterable
 from imgscale._tables import read_table, shipped_table, write_table
-from imgscale._typing import Region
-from imgscale.object_prior import REGIONS, SHIPPED, ObjectPrior, normal_label
+from imgscale._typing import FloatArray, Region, SizeAxis
+from imgscale.object_prior import REGIONS, SHIPPED, SIZE_AXES, ObjectPrior, normal_label
 from imgscale.prior_rows import COLUMNS, read_rows, write_row
 
 __all__ = ["PriorTable"]
 
+MeanKey: TypeAlias = tuple[str, SizeAxis]
+LogKind: TypeAlias = tuple[float, float, float]
+
 _PAPER = "paper_table_3_2.csv"
+_NOTHING_KNOWN = (math.nan,) * 6
+
+
+class SizePrior(NamedTuple):
+    """
+    What a table knows of one label along one axis.
+
+    Attributes
+    ----------
+    axis : str
+        The axis.
+    rows : tuple of ObjectPrior
+        The rows of the table, one for each kind of thing that the label may be; empty without.
+    mean_m, std_m, mean_std_m : float
+        Moments of the mixture, in metres; NaN without a prior.
+    log_mean, log_var : float
+        Mean and variance of the log size, all kinds together.
+    tau : float
+        Relative error of the mean.
+    kinds : tuple of tuple of float
+        Share, log mean and log variance of each kind; the shares sum to 1.
+    key : tuple of str or None
+        The table's label and the axis, whose mean size it is; None without a prior.
+    """
+
+    axis: SizeAxis
+    rows: tuple[ObjectPrior, ...]
+    mean_m: float
+    std_m: float
+    mean_std_m: float
+    log_mean: float
+    log_var: float
+    tau: float
+    kinds: tuple[LogKind, ...]
+    key: MeanKey | None
+
+    @property
+    def on_ground(self) -> bool:
+        """True where the lower edge of the box is where the object stands, as far as is known."""
+        return all(row.on_ground for row in self.rows)
+
+
+def moments_of(rows: Sequence[ObjectPrior], axis: SizeAxis) -> SizePrior:
+    """
+    Compute mean, spread and error of the mean of a mixture of sizes.
+
+    Parameters
+    ----------
+    rows : sequence of ObjectPrior
+        The kinds of thing that one label stands for.
+    axis : str
+        Their axis.
+
+    Returns
+    -------
+    SizePrior
+        The spread holds the distance between the parts: ``sum w (std^2 + mean^2) - mean^2``.
+    """
+    if not rows:
+        return SizePrior(axis, (), *_NOTHING_KNOWN, kinds=(), key=None)
+    kinds, first = _log_kinds(rows), rows[0]
+    mean_m, std_m, mean_std_m = first.mean_m, first.std_m, first.mean_std_m
+    if len(rows) > 1:
+        parts = [(kind[0], row) for kind, row in zip(kinds, rows, strict=True)]
+        mean_m = sum(share * row.mean_m for share, row in parts)
+        variance = sum(share * (row.std_m**2 + (row.mean_m - mean_m) ** 2) for share, row in parts)
+        std_m = math.sqrt(variance)
+        mean_std_m = sum(share * row.mean_std_m for share, row in parts)
+    log_mean, log_var = log_moments(mean_m, std_m)
+    return SizePrior(
+        axis=axis,
+        rows=tuple(rows),
+        mean_m=mean_m,
+        std_m=std_m,
+        mean_std_m=mean_std_m,
+        log_mean=float(log_mean),
+        log_var=float(log_var),
+        tau=mean_std_m / mean_m,
+        kinds=kinds,
+        key=(normal_label(first.label), axis),
+    )
+
+
+def _log_kinds(rows: Sequence[ObjectPrior]) -> tuple[LogKind, ...]:
+    """Turn the rows of one label into log-normal sizes."""
+    total = sum(row.share for row in rows)
+    kinds: list[LogKind] = []
+    for row in rows:
+        log_mean, log_var = log_moments(row.mean_m, row.std_m)
+        kinds.append((row.share / total, float(log_mean), float(log_var)))
+    return tuple(kinds)
+
+
+def log_moments(
+    mean_m: FloatArray | float, std_m: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Turn a mean and a standard deviation into those of the logarithm of a log-normal size.
+
+    Parameters
+    ----------
+    mean_m, std_m : float or ndarray of float
+        Arithmetic mean and standard deviation, in metres.
+
+    Returns
+    -------
+    log_mean, log_var : float64 or ndarray of float64
+        ``log(mean) - s^2 / 2`` and ``s^2 = log(1 + (std / mean)^2)``.
+    """
+    log_var: FloatArray = np.log1p((np.asarray(std_m, dtype=np.float64) / mean_m) ** 2)
+    return np.log(mean_m) - log_var / 2, log_var
 
 
 def _as_priors(value: Iterable[ObjectPrior]) -> tuple[ObjectPrior, ...]:
@@ -33,6 +151,9 @@ def _check_priors(_: object, __: object, value: tuple[object, ...]) -> None:
         if not isinstance(item, ObjectPrior):
             msg = f"`priors` must hold ObjectPrior objects; got {item!r} at index {index}."
             raise TypeError(msg)
+
+
+_NO_SIZES: Mapping[SizeAxis, SizePrior] = MappingProxyType({})
 
 
 @attrs.frozen
@@ -85,7 +206,13 @@ class PriorTable:
                         f'"{owner[name]}" and for "{label}".'
                     )
                     raise ValueError(msg)
-        return {name: tuple(by_label[label]) for name, label in owner.items()}
+        rows = {label: tuple(found) for label, found in by_label.items()}
+        return {name: rows[label] for name, label in owner.items()}
+
+    @functools.cached_property
+    def _sizes(self) -> dict[str, Mapping[SizeAxis, SizePrior]]:
+        """What was asked of labels so far; threads that ask at once find the same."""
+        return {}
 
     def __len__(self) -> int:
         return len(self.priors)
@@ -116,6 +243,35 @@ class PriorTable:
             Its rows on every axis, empty where the table does not know it.
         """
         return self._rows.get(normal_label(label), ())
+
+    def sizes(self, label: str) -> Mapping[SizeAxis, SizePrior]:
+        """
+        Find what is known of a label or alias along each axis, all its rows together.
+
+        Parameters
+        ----------
+        label : str
+            The label, as a detector spells it.
+
+        Returns
+        -------
+        mapping of str to SizePrior
+            The axes of its rows, in the order height, width, diameter, each with the rows and the
+            mean, spread and error of the mean of their mixture; empty where the table does not
+            know the label.
+
+        Examples
+        --------
+        >>> from imgscale import PriorTable
+        >>> car = PriorTable.default().sizes("car")["height"]
+        >>> (car.mean_m, car.rows[0].source == "")
+        (1.53, False)
+        """
+        name = normal_label(label)
+        known = self._sizes.get(name)
+        if known is None and name in self._rows:
+            known = self._sizes[name] = _along_axes(self._rows[name])
+        return known or _NO_SIZES
 
     def with_prior(self, prior: ObjectPrior) -> PriorTable:
         """
@@ -243,6 +399,14 @@ class PriorTable:
             The file to write.
         """
         write_table(path, COLUMNS, [write_row(row) for row in self.priors])
+
+
+def _along_axes(rows: Sequence[ObjectPrior]) -> Mapping[SizeAxis, SizePrior]:
+    along: dict[SizeAxis, SizePrior] = {}
+    for axis in SIZE_AXES:
+        if own := [row for row in rows if row.axis == axis]:
+            along[axis] = moments_of(own, axis)
+    return MappingProxyType(along)
 
 
 @functools.cache

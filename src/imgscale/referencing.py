@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from imgscale._typing import BoolArray, FloatArray, IntArray
+from imgscale._typing import FloatArray, IntArray
 from imgscale.core.mixture import MEDIAN, half_width
 from imgscale.core.predictive import measured, residuals, with_priors
 from imgscale.core.sighting import log_scales
@@ -16,22 +16,18 @@ from imgscale.core.solving import Cases, Estimate
 from imgscale.core.witnesses import Sized
 from imgscale.detection import Detection
 from imgscale.observations import Observations
-from imgscale.prior_choice import prior_label, rows_along
+from imgscale.posing import Posed
+from imgscale.prior_choice import rows_along
 from imgscale.priors import PriorTable
-from imgscale.reference import OUTLIER, Reference
+from imgscale.reference import OUTLIER, Reference, references_of_columns
 
 __all__ = ["Belief", "explain_references"]
 
 # A reference is rejected where the odds are ten to one that it is wrong.
 _REJECTED = 0.1
-# What a detection that is no candidate gets.
-_ABSENT = {
-    "posterior_m": math.nan,
-    "posterior_std_m": math.nan,
-    "z_score": math.nan,
-    "weight": 0.0,
-    "taken_as_probability": math.nan,
-}
+# What a detection that is no candidate gets: posterior size and its error, z-score, weight, and the
+# probability of what it is taken as.
+_ABSENT = np.array([[math.nan], [math.nan], [math.nan], [0.0], [math.nan]])
 
 
 class Belief(NamedTuple):
@@ -57,8 +53,7 @@ def explain_references(
     detections: Sequence[Detection],
     obs: Observations,
     priors: PriorTable,
-    objects: Sized,
-    candidates: Sized,
+    posed: Posed,
     cases: Cases,
     estimate: Estimate,
     belief: Belief | None = None,
@@ -74,12 +69,10 @@ def explain_references(
         Their columns.
     priors : PriorTable
         Sizes by label.
-    objects : Sized
-        All of them as columns.
-    candidates : Sized
-        The eligible rows, with their own priors.
+    posed : Posed
+        The problem that they pose.
     cases : Cases
-        The solutions; its witnesses begin with the same rows.
+        Its solutions, whose witnesses begin with the candidates.
     estimate : Estimate
         Their summary.
     belief : Belief, optional
@@ -90,67 +83,79 @@ def explain_references(
     tuple of Reference
         One per detection.
     """
+    rows = obs.eligible
     if belief is None:
-        of_kinds = estimate.kinds[: obs.eligible.size]
-        trust = estimate.trust[: obs.eligible.size]
-        belief = Belief(trust, of_kinds.argmax(axis=1), of_kinds.max(axis=1))
-    columns = _columns(obs, candidates, cases, estimate, belief)
-    own_k = obs.prior_m / np.exp(log_scales(objects, cases.best)[0][0] + objects.log_pixels)
-    place = {int(row): index for index, row in enumerate(obs.eligible)}
-    references: list[Reference] = []
-    for row, detection in enumerate(detections):
-        index = place.get(row)
-        known_as = prior_label(detection, priors)
-        kinds = rows_along(known_as, obs.axis[row], priors)
-        likely = 0 if index is None else int(columns["kind"][index])
-        references.append(
-            Reference(
-                label=detection.label,
-                prior_label=known_as,
-                xyxy=detection.xyxy,
-                axis=obs.axis[row],
-                pixels=float(obs.pixels[row]),
-                depth=float(obs.depth[row]),
-                metres_per_pixel=float(obs.prior_m[row] / obs.pixels[row]),
-                k=float(own_k[row]),
-                foot_xy=(float(obs.feet[row, 0]), float(obs.feet[row, 1])),
-                prior_m=float(obs.prior_m[row]),
-                prior_std_m=float(obs.prior_std_m[row]),
-                prior_mean_std_m=float(obs.prior_mean_std_m[row]),
-                taken_as=kinds[likely].spans if len(kinds) > 1 and index is not None else "",
-                taken_as_m=kinds[likely].mean_m if kinds else math.nan,
-                noise_rel=math.sqrt(obs.noise_var[row]),
-                mixed=bool(obs.mixed[row]),
-                reason=obs.reason[row] if index is None else OUTLIER * bool(columns["out"][index]),
-                **{
-                    name: absent if index is None else float(columns[name][index])
-                    for name, absent in _ABSENT.items()
-                },
-            )
-        )
-    return tuple(references)
+        of_kinds = estimate.kinds[: rows.size]
+        belief = Belief(estimate.trust[: rows.size], of_kinds.argmax(axis=1), of_kinds.max(axis=1))
+    log_own = log_scales(posed.objects, cases.best)[0][0] + posed.objects.log_pixels
+    said = np.repeat(_ABSENT, len(detections), axis=1)
+    said[:, rows] = _said(posed.candidates, log_own[rows], cases, estimate, belief)
+    posterior_m, posterior_std_m, z_score, weight, probability = said.tolist()
+    reason = list(obs.reason)
+    for row in rows[belief.trust < _REJECTED].tolist():
+        reason[row] = OUTLIER
+    taken_as, taken_as_m = _taken_as(
+        obs, priors, dict(zip(rows.tolist(), belief.kind.tolist(), strict=True))
+    )
+    return references_of_columns(
+        label=[detection.label for detection in detections],
+        prior_label=obs.known_as,
+        xyxy=[detection.xyxy for detection in detections],
+        foot_xy=map(tuple, obs.feet.tolist()),
+        axis=obs.axis,
+        pixels=obs.pixels.tolist(),
+        depth=obs.depth.tolist(),
+        metres_per_pixel=(obs.prior_m / obs.pixels).tolist(),
+        k=(obs.prior_m / np.exp(log_own)).tolist(),
+        prior_m=obs.prior_m.tolist(),
+        prior_std_m=obs.prior_std_m.tolist(),
+        prior_mean_std_m=obs.prior_mean_std_m.tolist(),
+        taken_as=taken_as,
+        taken_as_m=taken_as_m,
+        taken_as_probability=probability,
+        noise_rel=np.sqrt(obs.noise_var).tolist(),
+        posterior_m=posterior_m,
+        posterior_std_m=posterior_std_m,
+        z_score=z_score,
+        weight=weight,
+        mixed=obs.mixed.tolist(),
+        reason=reason,
+    )
 
 
-def _columns(
-    obs: Observations, candidates: Sized, cases: Cases, estimate: Estimate, belief: Belief
-) -> dict[str, FloatArray | IntArray | BoolArray]:
-    """Gather what the solutions say of the candidates."""
-    own = np.arange(obs.eligible.size)
-    log_scale = log_scales(candidates, cases.best)[0][0]
+def _taken_as(
+    obs: Observations, priors: PriorTable, likely: Mapping[int, int]
+) -> tuple[list[str], list[float]]:
+    """Name the kind of thing that each is taken for, where it may be several, and its mean size."""
+    words: list[str] = []
+    means: list[float] = []
+    for row, (name, axis) in enumerate(zip(obs.known_as, obs.axis, strict=True)):
+        kinds = rows_along(name, axis, priors)
+        own = kinds[likely.get(row, 0)] if kinds else None
+        words.append(own.spans if own and row in likely and len(kinds) > 1 else "")
+        means.append(own.mean_m if own else math.nan)
+    return words, means
+
+
+def _said(
+    candidates: Sized, log_own: FloatArray, cases: Cases, estimate: Estimate, belief: Belief
+) -> FloatArray:
+    """Gather what the solutions say of candidates of the size `log_own` for k = 1."""
+    own = np.arange(log_own.size)
     rejected = belief.trust < _REJECTED
     quantiles = with_priors(cases, candidates, own)
     log_size = quantiles[:, MEDIAN].copy()
     if rejected.any():  # its prior does not hold for it: what is left is its measurement
         lost = candidates.rows(rejected)
         quantiles[rejected] = measured(cases, lost).quantiles()
-        log_size[rejected] = estimate.log_k[0] + (log_scale + candidates.log_pixels)[rejected]
+        log_size[rejected] = estimate.log_k[0] + log_own[rejected]
     posterior_m = np.exp(log_size)
-    return {
-        "posterior_m": posterior_m,
-        "posterior_std_m": posterior_m * half_width(quantiles),
-        "z_score": residuals(cases, candidates, own),
-        "weight": estimate.share[own],
-        "taken_as_probability": belief.probability,
-        "kind": belief.kind,
-        "out": rejected,
-    }
+    return np.array(
+        [
+            posterior_m,
+            posterior_m * half_width(quantiles),
+            residuals(cases, candidates, own),
+            estimate.share[: own.size],
+            belief.probability,
+        ]
+    )

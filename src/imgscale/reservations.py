@@ -48,9 +48,7 @@ def reservations(
         Reservations.
     """
     used = [index for index, ref in enumerate(references) if ref.used]
-    labels = {
-        mean_key(references[index].prior_label, obs.axis[index], setting.priors) for index in used
-    }
+    labels = {obs.prior[index].key for index in used}
     count = len(used)
     if setting.shared:
         labels.update(
@@ -69,15 +67,15 @@ def reservations(
             Flag.CAMERA_CONFLICT: bool(_conflicts(detections, obs, setting)),
             Flag.IMPLAUSIBLE_FOCAL: _implausible_focal(references, found, setting),
             Flag.ASSUMED_HORIZON: _assumed_horizon(found, setting),
-            Flag.MIXED_DEPTH: any(bool(obs.mixed[index]) for index in used),
+            Flag.MIXED_DEPTH: any(references[index].mixed for index in used),
         }
     )
 
 
 def _assumed_horizon(found: Estimate, setting: Setting) -> bool:
     """Tell whether nothing but the prior for photos at large fixed the horizon of a plane alone."""
-    view = view_of(setting)
-    if not (view and view.alone and found.plane) or setting.shared:
+    view = view_of(setting) if found.plane and not setting.shared else None
+    if not (view and view.alone and found.plane):
         return False
     scene = scene_of(view)
     return not scene.is_given and float(found.plane.horizon_std[0]) > scene.horizon_std / 2
@@ -87,13 +85,13 @@ def _conflicts(
     detections: Sequence[Detection], obs: Observations, setting: Setting
 ) -> tuple[Conflict, ...]:
     """Compare the camera with what all references say together without it."""
-    if not (obs.eligible.size or setting.shared):
+    camera = setting.camera if setting.kind == "metric" else None
+    if not (camera or setting.ground) or not (setting.shared or obs.eligible.size):
         return ()
 
     def pose(camera: Camera | None, ground: GroundPlane | None) -> Problem:
         return problem_of(detections, obs, setting._replace(camera=camera, ground=ground))
 
-    camera = setting.camera if setting.kind == "metric" else None
     return conflicts(camera, setting.ground, setting.scale_rel_std, setting.method, pose)
 
 

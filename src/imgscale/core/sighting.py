@@ -275,24 +275,20 @@ def observe_under(witnesses: Sized, nuisance: Nuisance) -> LogObservations:
     )
 
 
-def _kinds(
-    prior: Parts, sighting: Sighting, log_size: FloatArray, noise_var: FloatArray
-) -> Parts:
+def _kinds(prior: Parts, sighting: Sighting, log_size: FloatArray, noise_var: FloatArray) -> Parts:
     """Log k by each kind of thing that a label may be, in each way (H, K, N) to stand there."""
     ways, count, rows = log_size.shape
     shape = (count * rows, prior.share.shape[1] * ways)
-    # (K, N, J, H)
-    by_way = (np.moveaxis(part, 0, 2)[:, :, None, :] for part in (log_size, noise_var))
-    log_size, noise_var = by_way
+    by_way = [part.transpose(1, 2, 0)[:, :, None, :] for part in (log_size, noise_var)]
     share, mean, variance = (part[:, :, None] for part in prior)
     if ways > 1:
-        share = share * np.moveaxis(sighting.share, 0, 2)[:, :, None, :]
-    else:
-        share = np.broadcast_to(share, (count, *share.shape))
+        share = share * sighting.share.transpose(1, 2, 0)[:, :, None, :]
+    elif count > 1:
+        share = np.tile(share, (count, 1, 1))
     return Parts(
         share=share.reshape(shape),
-        mean=(mean - log_size).reshape(shape),
-        variance=np.maximum(variance + noise_var, MIN_VARIANCE).reshape(shape),
+        mean=(mean - by_way[0]).reshape(shape),
+        variance=np.maximum(variance + by_way[1], MIN_VARIANCE).reshape(shape),
     )
 
 
