@@ -33,7 +33,8 @@ CORE: Sequence[tuple[str, ...]] = (
 )
 FULL: Sequence[tuple[str, ...]] = (
     *((PYTHON, example) for example in EXAMPLES),
-    *((PYTHON, benchmark) for benchmark in BENCHMARKS),
+    *((PYTHON, benchmark) for benchmark in BENCHMARKS if "/speed" not in benchmark),
+    (PYTHON, "benchmarks/speed.py", "--quick"),
     (PYTHON, "-m", "sphinx", "-W", "-q", "docs", "docs/_build"),
 )
 

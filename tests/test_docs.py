@@ -81,7 +81,16 @@ def test_every_page_is_in_the_table_of_contents_once():
 
 def public_modules():
     """The face of the package, the modules that users import by name, and the data sets."""
-    named = ("batch", "detectors", "depth_sources", "explaining", "measuring", "order_statistics", "plotting", "report")
+    named = (
+        "batch",
+        "detectors",
+        "depth_sources",
+        "explaining",
+        "measuring",
+        "order_statistics",
+        "plotting",
+        "report",
+    )
     data_sets = (f"datasets.{module.name}" for module in pkgutil.iter_modules(datasets.__path__))
     return ["imgscale", *(f"imgscale.{name}" for name in (*named, *data_sets))]
 

@@ -189,3 +189,59 @@ def test_components_of_no_variance_are_points():
     assert found[0] == pytest.approx(0, abs=1e-3)
     assert found[-1] <= 1 + 1e-3
     assert (np.diff(found) >= 0).all()
+
+
+WIDE = {
+    "as good as one": mixture((1 - 1e-12, 0.4, 0.1), (1e-12, 0.0, 1.0)),
+    "needles on either side": mixture((0.5, -1.0, 1e-6), (0.3, 1.0, 1e-6), (0.2, 0.0, 3.0)),
+    "far apart": mixture((0.2, -1e4, 1.0), (0.8, 1e4, 1.0)),
+    "nearly the same": mixture((0.3, 1.0, 0.1), (0.7, 1.0 + 1e-9, 0.1 + 1e-9)),
+}
+
+
+def left_out(whole, otherwise):
+    """Above 8 components the lightest, 3e-6 together, do not count: 1 % of the farthest tail."""
+    return 5e-3 if whole.weight.shape[1] > 8 else otherwise
+
+
+@pytest.mark.parametrize("name", NAMED | WIDE)
+def test_quantiles_have_their_scores_to_five_digits(name):
+    whole = (NAMED | WIDE)[name]
+    whole = whole._replace(weight=whole.weight / whole.weight.sum())
+    assert errors(whole).max() < left_out(whole, 1e-5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_so_have_those_of_random_mixtures(seed):
+    many = random_mixtures(seed)
+    weight = many.weight[:, :8] / many.weight[:, :8].sum(axis=1, keepdims=True)
+    few = Mixture(weight, many.mean[:, :8], many.variance[:, :8])
+    for whole in (few, many):
+        worst = [errors(whole, index).max() for index in range(len(whole.weight))]
+        assert max(worst) < left_out(whole, 1e-4)
+
+
+@pytest.mark.parametrize("components", [2, 3, 8, 9, 40])
+def test_a_row_is_the_same_alone_and_among_thousands(components):
+    rng = np.random.default_rng(components)
+    count = 3000
+    weight = rng.dirichlet(np.full(components, 0.3), count)
+    weight[::7, 1:] = 0
+    weight[::7, 0] = 1
+    weight[::5] *= 0.9
+    std = np.exp(rng.normal(-1, 1, weight.shape))
+    whole = Mixture(weight, rng.normal(size=weight.shape), std**2)
+    found = whole.quantiles()
+    for rows in ([0], [1], [2], [3], [5], [7, 2999], [1234], range(17, 400)):
+        some = Mixture(*(part[list(rows)] for part in whole)).quantiles()
+        np.testing.assert_allclose(found[list(rows)], some, rtol=1e-12, atol=1e-12)
+
+
+def test_one_component_of_all_the_weight_is_a_gaussian_in_closed_form():
+    whole = mixture((0.0, 3.0, 0.2), (1.0, 1.25, 0.5), (0.0, 3.0, 0.2))
+    np.testing.assert_array_equal(whole.quantiles()[0], 1.25 + 0.5 * SCORES)
+
+
+def test_where_all_mass_is_at_infinity_nothing_is_known():
+    whole = Mixture(np.zeros((1, 2)), np.zeros((1, 2)), np.ones((1, 2)))
+    assert np.isnan(whole.quantiles()).all()

@@ -293,6 +293,44 @@ def test_the_scale_map_is_k_times_distance_at_every_pixel(kind):
     np.testing.assert_allclose(model.scale_map(depth), expected, rtol=1e-14)
 
 
+def fitted_to(values, kind, **changes):
+    """Give a model of a map, with the k and shift wanted."""
+    depth = ims.DepthMap(values, kind=kind)
+    model = attrs.evolve(
+        busy_model("metric"), kind=kind, fingerprint=depth.fingerprint, image_size=None,
+        camera=None, **changes,
+    )  # fmt: skip
+    return model, depth
+
+
+@pytest.mark.parametrize("gap", [NAN, 0.0, -0.0, -2.0, math.inf, -math.inf])
+@pytest.mark.parametrize("kind", ["metric", "relative", "inverse", "affine_inverse"])
+@pytest.mark.parametrize("dtype", ["float32", "float16", ">f4", "float64"])
+def test_a_narrow_map_gives_a_narrow_scale_map_to_its_last_digit(dtype, kind, gap):
+    values = np.linspace(0.5, 40, 260 * 140).reshape(260, 140)  # more than one part
+    values[3:7, 5:90:3] = gap
+    values = values.astype(dtype)
+    shift = -7.0 if kind == "affine_inverse" else 0.0  # half of it beyond the horizon
+    for ordered in (values, np.asfortranarray(values)):
+        model, depth = fitted_to(ordered, kind, k=0.0123, shift=shift)
+        found = model.scale_map(depth)
+        assert found.dtype == (np.float64 if dtype == "float64" else np.float32)
+        expected = model.metres_per_pixel(values)
+        wide = values.astype(np.float64)
+        law = np.isfinite(wide) & ((wide + shift >= 0) if shift else (wide > 0))
+        np.testing.assert_array_equal(np.isnan(expected), ~law)
+        np.testing.assert_allclose(found, expected, rtol=2.0**-23, atol=0)
+
+
+@pytest.mark.parametrize("k", [1e-42, 1e41])
+@pytest.mark.parametrize("kind", ["relative", "inverse"])
+def test_a_scale_that_float32_does_not_hold_comes_in_double_precision(kind, k):
+    model, depth = fitted_to(np.linspace(1, 9, 12, dtype=np.float32).reshape(3, 4), kind, k=k)
+    found = model.scale_map(depth)
+    assert found.dtype == np.float64
+    np.testing.assert_allclose(found, model.metres_per_pixel(depth.values), rtol=1e-15)
+
+
 @pytest.mark.parametrize("kind", ["metric", "relative", "inverse"])
 def test_to_metric_is_focal_length_times_scale(kind):
     model, depth, z = map_model(kind)

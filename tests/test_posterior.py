@@ -223,8 +223,9 @@ def image(request):
     return obs, fit_grid(obs), Quadrature(obs)
 
 
-def grid_weight(grid, row=0):
-    weight = np.exp(grid.log_density[row] - grid.log_density[row].max())
+def grid_weight(grid):
+    _, log_density = grid.on_grid(0)
+    weight = np.exp(log_density - log_density.max())
     return weight / weight.sum()
 
 
@@ -287,8 +288,9 @@ def scale_quantiles(obs):
 
 def test_the_density_of_log_k_is_that_of_the_written_model(image):
     obs, grid, truth = image
-    expected = Quadrature(obs, x=grid.points[0]).density / truth.evidence
-    found = grid_weight(grid) / grid.step[0]
+    x, _ = grid.on_grid(0)
+    expected = Quadrature(obs, x=x).density / truth.evidence
+    found = grid_weight(grid) / (x[1] - x[0])
     np.testing.assert_allclose(found / expected.max(), expected / expected.max(), atol=2e-3)
 
 
@@ -302,8 +304,9 @@ def test_the_evidence_is_the_integral_of_the_written_model(image):
 def test_mean_and_standard_deviation_of_log_k_are_those_of_the_written_model(image):
     obs, grid, truth = image
     weight = grid_weight(grid)
-    mean = weight @ grid.points[0]
-    std = math.sqrt(weight @ (grid.points[0] - mean) ** 2)
+    x, _ = grid.on_grid(0)
+    mean = weight @ x
+    std = math.sqrt(weight @ (x - mean) ** 2)
     assert (mean - truth.log_k) / truth.std == pytest.approx(0, abs=1e-3)
     assert std == pytest.approx(truth.std, rel=2e-3)
     assert believe(obs, grid)[0].log_std[0] == pytest.approx(truth.std, rel=2e-3)
@@ -448,10 +451,10 @@ def test_a_common_factor_of_all_sizes_moves_log_k_and_nothing_else():
 def test_references_that_conflict_leave_two_modes():
     obs = IMAGES["two that conflict"]
     grid = fit_grid(obs)
-    weight = grid_weight(grid)
+    weight, (x, _) = grid_weight(grid), grid.on_grid(0)
     truth = Quadrature(obs)
     for low, high in [(-7, -5.6), (-5.6, -4)]:
-        inside = (grid.points[0] >= low) & (grid.points[0] < high)
+        inside = (x >= low) & (x < high)
         expected = truth.density[(truth.x >= low) & (truth.x < high)].sum() / truth.density.sum()
         assert expected > 0.1
         assert weight[inside].sum() == pytest.approx(expected, abs=5e-3)
@@ -461,7 +464,7 @@ def test_a_single_sound_reference_gives_its_gaussian_and_the_outliers_tails():
     std, tau = 0.05, 0.03
     obs = observations([[(1, -6.0, std)]], [tau], [0])
     grid = fit_grid(obs)
-    x = grid.points[0]
+    x, log_density = grid.on_grid(0)
     residual, shared = -6 - x, std**2 + tau**2
     expected = 0.95 * normal(residual, shared) + 0.03 * normal(residual - 0.4, shared + 0.0625)
     # closed form: the offset widens every part; that of a Laplace density is known by erfc
@@ -474,7 +477,7 @@ def test_a_single_sound_reference_gives_its_gaussian_and_the_outliers_tails():
             * special.erfc((tau / scale + sign * residual / tau) / math.sqrt(2))
         )
     np.testing.assert_allclose(
-        np.exp(grid.log_density[0]) / math.sqrt(2 * math.pi), expected, atol=2e-3 * expected.max()
+        np.exp(log_density) / math.sqrt(2 * math.pi), expected, atol=2e-3 * expected.max()
     )
 
 
@@ -546,9 +549,15 @@ def test_a_grid_that_hits_its_limit_stays_proper(gap, std):
     )
     grid = fit_grid(obs)
     summary, kinds = believe(obs, grid)
-    for column in (*grid, *summary, kinds, log_evidence(grid), *scale_quantiles(obs)):
+    for column in (
+        *grid.on_grid(0),
+        *summary[:5],
+        kinds,
+        log_evidence(grid),
+        *scale_quantiles(obs),
+    ):
         assert np.isfinite(column).all()
-    assert grid.points.shape[1] <= 8192
+    assert grid.on_grid(0)[0].size <= 8192
     assert grid_weight(grid).sum() == pytest.approx(1)
     assert ((kinds >= 0) & (kinds <= 1 + 1e-9)).all()
     # two against one of another label
@@ -563,3 +572,126 @@ def test_the_grid_is_shared_by_images_of_very_different_precision():
     summary, _ = believe(both, fit_grid(both))
     for row, obs in enumerate((precise, vague)):
         assert summary.log_std[row] == pytest.approx(Quadrature(obs).std, rel=5e-3)
+
+
+# --- many images, and firm witnesses ------------------------------------------------------------
+
+
+def hostile_images():
+    """One to sixty references, narrow and wide offsets, two modes, firm witnesses, huge grids."""
+    images = [
+        random_image(seed, labels, kinds, tau, outlier)
+        for seed, (labels, kinds, tau, outlier) in enumerate(
+            [
+                ((1,), 3, 0.05, False),
+                ((2, 2, 1), 2, 0.03, True),
+                ((3, 1), 1, 0.3, True),
+                ((1,) * 8, 2, 0.02, True),
+                ((30, 30), 1, 0.04, True),
+                ((4, 3), 3, 0.002, False),
+            ]
+        )
+    ]
+    precise = [[(1, -6.0, 1e-4)], [(1, -5.0, 1e-3)], [(1, -5.9, 0.1)]]
+    images.append(observations(precise, [0.01, 0.03], [0, 0, 1]))
+    images += [beside_camera(std) for std in (0.05, 5e-3, 1e-4)]
+    return [*images, *IMAGES.values()]
+
+
+def beside_camera(std):
+    """A firm witness at -6.05, and three references of two labels."""
+    parts = [[(1, -6.0, 0.1)], [(0.7, -5.9, 0.1), (0.3, -6.3, 0.08)], [(1, -5.95, 0.12)]]
+    firm = [False, False, False, True]
+    return observations([*parts, [(1, -6.05, std)]], [0.03, 0.05, 0.0], [0, 0, 1, 2], firm=firm)
+
+
+def looked_at(obs):
+    """Everything that the posteriors say, one row for each image, reference or label."""
+    grid = fit_grid(obs)
+    summary, kinds = believe(obs, grid)
+    image, tau = obs.of_groups()
+    new = np.full(image.size, -1)
+    others = np.flatnonzero(np.bincount(obs.image)[obs.image] > 1)
+    view = [
+        view_on_grid(grid, Subjects(image, np.arange(image.size), tau, new)),
+        view_on_grid(grid, Subjects(image, new, tau, new)),
+        view_on_grid(
+            grid,
+            Subjects(obs.image[others], obs.group[others], obs.tau[others], others),
+        ),
+    ]
+    seen = [
+        np.reshape([view_moments(part, row) for row in range(len(part.offset))], (-1, 5))
+        for part in view
+    ]
+    return summary, kinds, log_evidence(grid), seen
+
+
+def test_an_image_is_solved_alike_alone_and_among_any_others():
+    images = hostile_images()
+    together = joined(*images)
+    summary, kinds, evidence, seen = looked_at(together)
+    row = group = other = 0
+    for number, obs in enumerate(images):
+        alone, own_kinds, own_evidence, own_seen = looked_at(obs)
+        rows = slice(row, row + obs.y.size)
+        np.testing.assert_allclose(summary.log_k[number], alone.log_k[0], rtol=1e-9)
+        np.testing.assert_allclose(summary.log_std[number], alone.log_std[0], rtol=1e-9)
+        np.testing.assert_allclose(evidence[number], own_evidence[0], atol=1e-9)
+        np.testing.assert_allclose(summary.share[rows], alone.share, rtol=1e-9, atol=1e-15)
+        n_kinds = own_kinds.shape[1]
+        np.testing.assert_allclose(kinds[rows, :n_kinds], own_kinds, rtol=1e-9, atol=1e-15)
+        groups = slice(group, group + obs.n_groups)
+        others = slice(other, other + len(own_seen[2]))
+        for found, expected, part in zip(seen, own_seen, (groups, groups, others), strict=True):
+            np.testing.assert_allclose(found[part], expected, rtol=1e-9, atol=1e-9)
+        row, group, other = rows.stop, groups.stop, others.stop
+
+
+@pytest.mark.parametrize("std", [1e-2, 3e-3, 1e-3, 1e-4])
+def test_a_sharp_firm_witness_leaves_the_written_model_beside_it(std):
+    obs = beside_camera(std)
+    grid = fit_grid(obs)
+    summary, kinds = believe(obs, grid)
+    truth = Quadrature(obs, x=np.linspace(-6.05 - 10 * std, -6.05 + 10 * std, 401))
+    assert summary.log_std[0] == pytest.approx(truth.std, rel=1e-5)
+    expected = np.array([truth.kinds(row) for row in range(4)])
+    np.testing.assert_allclose(kinds, expected, atol=5e-5)
+    view = view_on_grid(grid, subjects([0, 1], [0.03, 0.05], [-1, -1]))
+    for row in (0, 1):
+        assert_moments_agree(view_moments(view, row), truth.moments(row), tolerance=1e-4)
+
+
+def test_a_firm_witness_that_cannot_err_is_the_limit_of_sharper_ones():
+    limit, kinds = believe(beside_camera(1e-6), fit_grid(beside_camera(1e-6)))
+    for std in (1e-4, 1e-3):  # the others pull by less than 30 of its variances
+        obs = beside_camera(std)
+        summary, own_kinds = believe(obs, fit_grid(obs))
+        assert summary.log_k[0] == pytest.approx(limit.log_k[0], abs=30 * std**2)
+        np.testing.assert_allclose(own_kinds, kinds, atol=0.1 * std)
+    assert limit.log_k[0] == pytest.approx(-6.05, abs=1e-9)
+    assert limit.log_std[0] == pytest.approx(1e-6, rel=1e-6)
+
+
+@pytest.mark.parametrize("std", [1e-6, 1e-3])
+def test_a_sharp_firm_witness_needs_no_more_points_than_a_vague_one(std):
+    assert fit_grid(beside_camera(std)).on_grid(0)[0].size <= 64
+
+
+def test_a_firm_witness_stands_against_any_number_of_references():
+    # all that a label says of another place is that its references must be wrong
+    parts = [[(1, -4.0, 0.05)]] * 40
+    obs = observations(
+        [*parts, [(1, -6.0, 1e-3)]], [0.03, 0.0], [0] * 40 + [1], firm=[False] * 40 + [True]
+    )
+    summary, kinds = believe(obs, fit_grid(obs))
+    assert summary.log_k[0] == pytest.approx(-6, abs=1e-5)
+    assert kinds[40, 0] == pytest.approx(1)
+    np.testing.assert_allclose(kinds[:40, 0], 0, atol=1e-9)
+
+
+def test_two_firm_witnesses_that_contradict_each_other_are_averaged():
+    obs = observations([[(1, -6.0, 1e-3)], [(1, -5.97, 1e-3)]], [0, 0], [0, 1], firm=[True] * 2)
+    summary, _ = believe(obs, fit_grid(obs))
+    assert summary.log_k[0] == pytest.approx(-5.985, abs=1e-9)
+    assert summary.log_std[0] == pytest.approx(1e-3 / math.sqrt(2), rel=1e-6)

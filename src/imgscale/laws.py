@@ -64,6 +64,31 @@ class Law(NamedTuple):
             return array if shift == 0 else 1 / (1 / array + shift)
         return 1 / (array + shift)
 
+    def scale_into(
+        self, scale: AnyFloatArray, values: AnyFloatArray, k: float, shift: float
+    ) -> None:
+        """
+        Write metres per pixel, ``k * d``, into an array.
+
+        Parameters
+        ----------
+        scale : ndarray of float
+            Where they go, rounded to its precision.
+        values : ndarray of float
+            Depth values of this kind, of the same shape.
+        k : float
+            The scale constant.
+        shift : float
+            The shift b, in the unit of D.
+        """
+        if shift != 0:  # in double precision: far away, D and b are all but opposite
+            distance = self.relative_distance(values, shift)
+            np.multiply(distance, k, out=scale, casting="same_kind")
+        elif self.inverse:
+            np.divide(k, values, out=scale, dtype=scale.dtype)
+        else:
+            np.multiply(values, k, out=scale, dtype=scale.dtype)
+
     def inverse_depth(self, values: AnyFloatArray | float) -> FloatArray:
         """
         Compute the D of the law, in which it is linear.

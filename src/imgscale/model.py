@@ -14,7 +14,7 @@ from imgscale._checks import check_type, nan_as_none
 from imgscale._depth_values import valid_depths
 from imgscale._format import with_error
 from imgscale._html import Column, Markup, element, joined, name_of, table
-from imgscale._typing import DepthKind, FitMethod, FloatArray, ImageSize
+from imgscale._typing import AnyFloatArray, DepthKind, FitMethod, FloatArray, ImageSize
 from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
 from imgscale.errors import DepthMismatchError
@@ -31,6 +31,7 @@ __all__ = ["ScaleModel"]
 
 _NO_PRIOR = "no prior"
 MOST_ROWS = 30  # of a table in a notebook
+_PART = 1 << 15  # pixels of a map at a time
 
 
 @attrs.frozen(kw_only=True)
@@ -175,11 +176,11 @@ class ScaleModel:
         array([0.01, 0.02])
         """
         values = np.asarray(depth, dtype=np.float64)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = LAWS[self.kind].relative_distance(values, self.shift)
-        return np.where(valid_depths(values, self.kind) & (distance > 0), self.k * distance, np.nan)
+        scale: FloatArray = np.empty(values.shape, dtype=np.float64)
+        self._scale_into(scale, values, mark=True)
+        return scale
 
-    def scale_map(self, depth: DepthMap) -> FloatArray:
+    def scale_map(self, depth: DepthMap) -> AnyFloatArray:
         """
         Compute the scale at every pixel of the depth map.
 
@@ -190,8 +191,10 @@ class ScaleModel:
 
         Returns
         -------
-        (H, W) ndarray of float64
-            Metres per pixel of the image, for an object that lies there; NaN without depth.
+        (H, W) ndarray of float32 or float64
+            Metres per pixel of the image, for an object that lies there; NaN without depth. Of
+            float32 for maps of float32 and float16, exact to 2e-7, but where the numbers do not
+            fit it; of float64 for all others.
 
         Raises
         ------
@@ -199,7 +202,30 @@ class ScaleModel:
             If the map is of another kind or, unless the kind is metric, another map.
         """
         self.check_depth(depth, same_scale=False)
-        return self.metres_per_pixel(depth.values)
+        ends = self.metres_per_pixel(depth.valid_range)  # NaN beyond the horizon
+        narrow = depth.values.dtype.itemsize <= 4 and _fit_float32([self.k, *ends.tolist()])
+        scale: AnyFloatArray = np.empty_like(
+            depth.values, dtype=np.float32 if narrow else np.float64
+        )
+        mark = not depth.gaps_are_nan or bool(np.isnan(ends).any())
+        # in the order of memory; several steps in parts that stay in the processor's cache
+        flat: AnyFloatArray = scale.reshape(-1, order="A")
+        given: AnyFloatArray = depth.values.reshape(-1, order="A")
+        size = _PART if mark or self.shift else flat.size
+        for start in range(0, flat.size, size):
+            part = slice(start, start + size)
+            self._scale_into(flat[part], given[part], mark=mark)
+        return scale
+
+    def _scale_into(self, scale: AnyFloatArray, values: AnyFloatArray, *, mark: bool) -> None:
+        """Write metres per pixel, and NaN where a value is no depth if that is to be marked."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            LAWS[self.kind].scale_into(scale, values, self.k, self.shift)
+            if mark:
+                missing = ~(valid_depths(values, self.kind) & (scale > 0))
+                # all bits set are NaN; to copy under a mask takes several times as long
+                bits = scale.view(f"i{scale.itemsize}")
+                bits |= -missing.view(np.int8)
 
     def to_metric(self, depth: DepthMap, camera: Camera) -> DepthMap:
         """
@@ -347,6 +373,15 @@ class ScaleModel:
 
     def _repr_html_(self) -> str:
         return joined((summary_html(self), references_table(self, most=MOST_ROWS)))
+
+
+def _fit_float32(numbers: Sequence[float]) -> bool:
+    """Tell whether float32 holds numbers, those that are any, in its full precision."""
+    range32 = np.finfo(np.float32)
+    return all(
+        math.isnan(number) or float(range32.tiny) <= number <= float(range32.max)
+        for number in numbers
+    )
 
 
 def summary_html(model: ScaleModel) -> Markup:

@@ -87,8 +87,13 @@ def log_k_of(claims: Claims) -> LogK:
         The posterior.
     """
     grid = fit_grid(_observations(claims, claims.log_distance[None], 0.0))
-    log_weight = grid.log_density + np.log(grid.step * claims.case_weight)[:, None]
-    return LogK(grid.points.ravel(), normalised(log_weight.ravel(), 0))
+    points: list[FloatArray] = []
+    log_weight: list[FloatArray] = []
+    for case, weight in enumerate(claims.case_weight):
+        at, log_density = grid.on_grid(case)
+        points.append(at)
+        log_weight.append(log_density + np.log((at[1] - at[0]) * weight))
+    return LogK(np.concatenate(points), normalised(np.concatenate(log_weight), 0))
 
 
 def chi_square(claims: Claims, log_distance: FloatArray, basis: FloatArray) -> FloatArray:

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from imgscale._typing import FloatArray, IntArray
+from imgscale.core.evidence import REJECTED
 from imgscale.core.mixture import MEDIAN, half_width
-from imgscale.core.predictive import measured, residuals, with_priors
+from imgscale.core.predictive import explained, measured
 from imgscale.core.sighting import log_scales
 from imgscale.core.solving import Cases, Estimate
 from imgscale.core.witnesses import Sized
@@ -23,8 +24,6 @@ from imgscale.reference import OUTLIER, Reference, references_of_columns
 
 __all__ = ["Belief", "explain_references"]
 
-# A reference is rejected where the odds are ten to one that it is wrong.
-_REJECTED = 0.1
 # What a detection that is no candidate gets: posterior size and its error, z-score, weight, and the
 # probability of what it is taken as.
 _ABSENT = np.array([[math.nan], [math.nan], [math.nan], [0.0], [math.nan]])
@@ -92,7 +91,7 @@ def explain_references(
     said[:, rows] = _said(posed.candidates, log_own[rows], cases, estimate, belief)
     posterior_m, posterior_std_m, z_score, weight, probability = said.tolist()
     reason = list(obs.reason)
-    for row in rows[belief.trust < _REJECTED].tolist():
+    for row in rows[belief.trust < REJECTED].tolist():
         reason[row] = OUTLIER
     taken_as, taken_as_m = _taken_as(
         obs, priors, dict(zip(rows.tolist(), belief.kind.tolist(), strict=True))
@@ -142,8 +141,8 @@ def _said(
 ) -> FloatArray:
     """Gather what the solutions say of candidates of the size `log_own` for k = 1."""
     own = np.arange(log_own.size)
-    rejected = belief.trust < _REJECTED
-    quantiles = with_priors(cases, candidates, own)
+    rejected = belief.trust < REJECTED
+    quantiles, z_score = explained(cases, candidates, own)
     log_size = quantiles[:, MEDIAN].copy()
     if rejected.any():  # its prior does not hold for it: what is left is its measurement
         lost = candidates.rows(rejected)
@@ -154,7 +153,7 @@ def _said(
         [
             posterior_m,
             posterior_m * half_width(quantiles),
-            residuals(cases, candidates, own),
+            z_score,
             estimate.share[: own.size],
             belief.probability,
         ]

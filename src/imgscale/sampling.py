@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from imgscale._depth_values import valid_depths
 from imgscale._typing import (
     AnyFloatArray,
     BoolArray,
@@ -45,6 +44,8 @@ OTHER_LOG_GAP = math.log(1.1)
 _OTHER_SHARE = 0.4
 # More pixels than this say nothing more about one depth.
 _MAX_PIXELS = 16384
+# Where the search for the fullest window looks first: at one in so many pixels.
+_STRIDE = 16
 
 
 class DepthSample(NamedTuple):
@@ -101,24 +102,41 @@ def sample_surface(
     DepthSample
         NaN where no pixel is valid.
     """
-    shares = (_CORE_SHARE, 1.0)  # the whole box only where the core has no depth at all
-    windows = [_window(values.shape, box, image_size, share) for share in shares]
-    pixels = [_thinned(values[window]) for window in windows]
     if mask is not None:
-        on_mask = _masked(values, box, mask, image_size)
-        if on_mask.size:  # else it is thinner than a pixel of the map
-            pixels = [on_mask]
-    for candidates in pixels:
-        seen = candidates[valid_depths(candidates, kind)]
+        on_object = pixels_on_mask(values, box, mask, image_size)
+        if on_object.size:  # else it is thinner than a pixel of the map
+            thin = on_object[:: max(1, on_object.size // _MAX_PIXELS)]
+            return _dominant(_sorted_depths(thin, kind), nearness, origin)
+    for share in (_CORE_SHARE, 1.0):  # the whole box only where the core has no depth at all
+        window = values[map_window(values.shape, box, image_size, share)]
+        seen = _sorted_depths(_thinned(window), kind)
         if seen.size:
-            return _dominant(seen, nearness, origin)
-    return DepthSample(math.nan, math.nan, mixed=False)
+            break
+    return _dominant(seen, nearness, origin)
 
 
-def _window(
-    shape: tuple[int, ...], box: Box, image_size: ImageSize, share: float
+def map_window(
+    shape: tuple[int, ...], box: Box, image_size: ImageSize, share: float = 1.0
 ) -> tuple[slice, slice]:
-    """Rows and columns of the map whose pixel centres lie in the central `share` of the box."""
+    """
+    Find the pixels of a map whose centres lie in a box, or in its middle.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Shape (H, W) of the map.
+    box : tuple of float
+        Corners x1, y1, x2, y2 in pixels of the image.
+    image_size : (width, height)
+        Size of the image; the box is scaled from it to the map.
+    share : float
+        The central share of the box, each way, that counts.
+
+    Returns
+    -------
+    rows, columns : slice
+        At least one of each: of a box without a pixel's centre, the pixel that holds its own.
+    """
 
     def span(low: float, high: float, size: int, length: int) -> tuple[int, int]:
         scale = length / size
@@ -137,21 +155,34 @@ def _window(
     )
 
 
-def _thinned(window: AnyFloatArray) -> AnyFloatArray:
-    """Leave out rows and columns of a large window alike."""
-    step = max(1, math.isqrt(window.size // _MAX_PIXELS))
-    return window[::step, ::step]
-
-
-def _masked(
+def pixels_on_mask(
     values: AnyFloatArray, box: Box, mask: BoolArray, image_size: ImageSize
 ) -> AnyFloatArray:
-    """Collect the map's pixels whose centres lie on the mask, in the box."""
-    rows, columns = _window(values.shape, box, image_size, 1.0)
+    """
+    Collect the map's pixels whose centres lie on an object's mask, in its box.
+
+    Parameters
+    ----------
+    values : (H, W) ndarray of float
+        The map.
+    box : tuple of float
+        Corners x1, y1, x2, y2 in pixels of the image.
+    mask : (image height, image width) ndarray of bool
+        The object's pixels.
+    image_size : (width, height)
+        Size of the image.
+
+    Returns
+    -------
+    (N,) ndarray of float
+        Their values, in the order of rows.
+    """
+    rows, columns = map_window(values.shape, box, image_size)
+    if mask.shape == values.shape:
+        return values[rows, columns][mask[rows, columns]]
     row_centres = _centres(rows, image_size[1] / values.shape[0])
     column_centres = _centres(columns, image_size[0] / values.shape[1])
-    on_object = values[rows, columns][mask[np.ix_(row_centres, column_centres)]]
-    return on_object[:: max(1, on_object.size // _MAX_PIXELS)]
+    return values[rows, columns][mask[np.ix_(row_centres, column_centres)]]
 
 
 def _centres(span: slice, scale: float) -> IntArray:
@@ -160,18 +191,65 @@ def _centres(span: slice, scale: float) -> IntArray:
     return indices.astype(np.intp)
 
 
-def _dominant(seen: AnyFloatArray, nearness: int, origin: float) -> DepthSample:
+def _thinned(window: AnyFloatArray) -> AnyFloatArray:
+    """Leave out rows and columns of a large window alike."""
+    step = max(1, math.isqrt(window.size // _MAX_PIXELS))
+    return window[::step, ::step]
+
+
+def _sorted_depths(pixels: AnyFloatArray, kind: DepthKind) -> FloatArray:
+    """Sort the pixels that are depths, in their own precision, which numpy sorts fastest."""
+    ordered: AnyFloatArray = pixels.astype(pixels.dtype.newbyteorder("="), order="C").reshape(-1)
+    ordered.sort()  # NaN last
+    number = ordered.dtype.type
+    floor = number(-math.inf if kind == "affine_inverse" else 0)
+    first = int(ordered.searchsorted(floor, side="right"))
+    return ordered[first : int(ordered.searchsorted(number(math.inf)))].astype(np.float64)
+
+
+def _dominant(seen: FloatArray, nearness: int, origin: float) -> DepthSample:
     """Find the log-depth window that holds most pixels, the nearest of equals, and sample it."""
-    ordered = np.sort(seen.astype(np.float64))[::-nearness]  # near to far
-    log_depth: FloatArray = -nearness * np.log(ordered - origin)
-    counts = np.searchsorted(log_depth, log_depth + SURFACE_LOG_WIDTH, side="right")
-    counts -= np.arange(log_depth.size)
-    start = int(np.argmax(counts))
-    count = int(counts[start])
+    if not seen.size:
+        return DepthSample(math.nan, math.nan, mixed=False)
+    log_depth: FloatArray = np.log(seen - origin)
+    if nearness > 0:  # from near to far
+        seen, log_depth = seen[::-1], np.ascontiguousarray(-log_depth[::-1])
+    start, count = _fullest_window(log_depth)
     index = start + int(_ORDER_STATISTIC * (count - 1))
-    other = np.abs(log_depth - log_depth[index]) > OTHER_LOG_GAP
+    away = log_depth - log_depth[index]
+    nearer = int(away.searchsorted(-OTHER_LOG_GAP))
+    farther = away.size - int(away.searchsorted(OTHER_LOG_GAP, side="right"))
     return DepthSample(
-        value=float(ordered[index]),
-        rel_std=float(np.std(log_depth[start : start + count])),
-        mixed=bool(other.mean() >= _OTHER_SHARE),
+        value=float(seen[index]),
+        rel_std=_spread(log_depth[start : start + count]),
+        mixed=(nearer + farther) / away.size >= _OTHER_SHARE,
     )
+
+
+def _fullest_window(log_depth: FloatArray) -> tuple[int, int]:
+    """
+    Find the first of the windows of one width that hold most of some sorted numbers.
+
+    A window that begins at one of every few numbers holds fewer than so many less than the
+    fullest. What is left is bisected, one comparison of all numbers a step: a search for the end
+    of every window would take several times as long as all the rest.
+    """
+    size = log_depth.size
+    limits: FloatArray = log_depth + SURFACE_LOG_WIDTH
+    starts = np.arange(0, size, _STRIDE)
+    least = int((log_depth.searchsorted(limits[::_STRIDE], side="right") - starts).max())
+    most = min(least + _STRIDE - 1, size)
+    while least < most:
+        count = (least + most + 1) // 2
+        if (log_depth[count - 1 :] <= limits[: size - count + 1]).any():
+            least = count
+        else:
+            most = count - 1
+    return int((log_depth[least - 1 :] <= limits[: size - least + 1]).argmax()), least
+
+
+def _spread(numbers: FloatArray) -> float:
+    """Compute their standard deviation as `np.std` does, with less around it."""
+    off: FloatArray = numbers - np.add.reduce(numbers) / numbers.size
+    off *= off
+    return math.sqrt(np.add.reduce(off) / numbers.size)

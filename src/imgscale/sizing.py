@@ -15,7 +15,7 @@ from imgscale.core.solving import Cases
 from imgscale.core.witnesses import Sized
 from imgscale.detection import Detection
 from imgscale.estimate import SizeEstimate
-from imgscale.flags import Flag, flags_where
+from imgscale.flags import Flag
 from imgscale.model import ScaleModel
 from imgscale.observations import Observations
 from imgscale.posing import Setting
@@ -24,7 +24,9 @@ from imgscale.posing import Setting
 TWO_STD = int(np.searchsorted(SCORES, 2.0))
 # The central 92 % of a size's distribution.
 LOW, HIGH = (int(np.searchsorted(SCORES, score)) for score in (-1.75, 1.75))
-_OBJECTS_AT_ONCE = 200
+# Objects are sized so many at once that their components stay below this, yet never one by one;
+# of a posterior grid about so many points count.
+_COMPONENTS, _LEAST_AT_ONCE, _POINTS = 1_000_000, 16, 100
 # How many times as near or far as the references' range a shift is not trusted.
 FAR_OFF = 2.0
 
@@ -159,14 +161,24 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
         One row each: without a prior the median is exactly k d p, where one witness tells d and
         k d p is not far off in the distribution of the size.
     """
-    count = wanted.own.size
-    if count <= _OBJECTS_AT_ONCE:
+    count, at_once = wanted.own.size, _at_once(cases, wanted)
+    if count <= at_once:
         return _size_up(cases, wanted)
-    sizes = Sizes.unknown(count)
-    for start in range(0, count, _OBJECTS_AT_ONCE):
-        rows = np.arange(start, min(start + _OBJECTS_AT_ONCE, count), dtype=np.intp)
-        sizes = sizes.updated(rows, _size_up(cases, wanted.rows(rows)))
-    return sizes
+    parts = [
+        _size_up(cases, wanted.rows(np.arange(start, min(start + at_once, count), dtype=np.intp)))
+        for start in range(0, count, at_once)
+    ]
+    arrays = zip(*(part[:-1] for part in parts), strict=True)
+    columns: list[Any] = [np.concatenate(column) for column in arrays]
+    is_normal = all(part.is_normal for part in parts)
+    return Sizes(*columns)._replace(is_normal=is_normal)
+
+
+def _at_once(cases: Cases, wanted: Wanted) -> int:
+    """Tell how many objects memory allows."""
+    points = 1 if cases.grid is None else _POINTS
+    width: int = len(cases.log_weight) * points * wanted.subjects.prior.share.shape[1]
+    return max(_LEAST_AT_ONCE, _COMPONENTS // max(width, SCORES.size))
 
 
 def _size_up(cases: Cases, wanted: Wanted) -> Sizes:
@@ -174,22 +186,15 @@ def _size_up(cases: Cases, wanted: Wanted) -> Sizes:
     subjects = wanted.subjects
     log_scale, log_range = (wanted.log_k + logs[0] for logs in log_scales(subjects, cases.best))
     log_size = log_scale + subjects.log_pixels
-    quantiles = np.empty((log_size.size, SCORES.size))
-    by_prior, again = wanted.fuse, ~wanted.fuse & (wanted.share > 0)
-    plain = ~by_prior & ~again
-    if plain.any():
-        quantiles[plain] = measured(cases, subjects.rows(plain)).quantiles()
-    if again.any():
-        rows = subjects.rows(again), wanted.share[again], wanted.common_var[again]
-        quantiles[again] = measured_again(cases, *rows).quantiles()
-    if by_prior.any():
-        quantiles[by_prior] = with_priors(cases, subjects.rows(by_prior), wanted.own[by_prior])
+    by_prior = wanted.fuse
+    quantiles = _quantiles(cases, wanted)
     # k d p of the likeliest solution is no median where others, far from it, weigh more together
     far_off = (log_size < quantiles[:, LOW]) | (log_size > quantiles[:, HIGH])
     by_median = (_has_both(subjects) | far_off) & ~by_prior & ~np.isnan(log_size)
-    median = np.where(np.isfinite(quantiles[:, MEDIAN]), quantiles[:, MEDIAN], np.nan)
-    log_scale = np.where(by_median, median - subjects.log_pixels, log_scale)
-    log_size = np.where(by_median | by_prior, median, log_size)
+    if by_median.any() or by_prior.any():
+        median = np.where(np.isfinite(quantiles[:, MEDIAN]), quantiles[:, MEDIAN], np.nan)
+        log_scale = np.where(by_median, median - subjects.log_pixels, log_scale)
+        log_size = np.where(by_median | by_prior, median, log_size)
     one_kind = subjects.prior.share.shape[1] == 1 or not by_prior.any()
     is_normal = cases.grid is None and len(cases.log_weight) == 1 and one_kind
     size_m = np.exp(log_size)
@@ -202,6 +207,25 @@ def _size_up(cases: Cases, wanted: Wanted) -> Sizes:
         range_per_focal=np.exp(log_range),
         is_normal=is_normal,
     )
+
+
+def _quantiles(cases: Cases, wanted: Wanted) -> FloatArray:
+    """Quantiles of log sizes: fused with priors, of references, and of all others."""
+    subjects = wanted.subjects
+    again = ~wanted.fuse & (wanted.share > 0)
+    plain = ~(wanted.fuse | again)
+    if plain.all():
+        return measured(cases, subjects).quantiles()
+    quantiles = np.empty((wanted.own.size, SCORES.size))
+    if plain.any():
+        quantiles[plain] = measured(cases, subjects.rows(plain)).quantiles()
+    if again.any():
+        rows = subjects.rows(again), wanted.share[again], wanted.common_var[again]
+        quantiles[again] = measured_again(cases, *rows).quantiles()
+    fuse = wanted.fuse
+    if fuse.any():
+        quantiles[fuse] = with_priors(cases, subjects.rows(fuse), wanted.own[fuse])
+    return quantiles
 
 
 def _exp(logs: FloatArray) -> FloatArray:
@@ -263,10 +287,10 @@ def row_flags(
         columns[Flag.BEYOND_HORIZON] = ~np.isnan(obs.depth) & (
             np.isnan(sizes.metres_per_pixel) | np.isposinf(sizes.quantiles_m[:, TWO_STD])
         )
-    return [
-        shared | flags_where({flag: bool(column[row]) for flag, column in columns.items()})
-        for row in range(obs.pixels.size)
-    ]
+    bits = np.full(obs.pixels.size, shared.value)
+    for flag, column in columns.items():
+        bits |= np.where(column, flag.value, 0)
+    return [Flag(value) for value in bits.tolist()]
 
 
 def is_far_off(log_range: FloatArray, references: Sized, cases: Cases) -> BoolArray:

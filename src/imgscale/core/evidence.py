@@ -16,9 +16,9 @@ from imgscale.core.segments import LogFit, LogObservations, sum_by
 
 # Reasoned, not fitted: detectors' labels and boxes fail in some per cent of cases. With more of
 # them the interval of a single sound reference would reach much further down.
-_GROSS, _GROSS_STD = 0.02, 0.5
-_SMALLER, _SMALLER_BY, _SMALLER_STD = 0.03, 0.4, 0.25
-SOUND = 1 - _GROSS - _SMALLER
+GROSS, GROSS_STD = 0.02, 0.5
+SMALLER, SMALLER_BY, SMALLER_STD = 0.03, 0.4, 0.25
+SOUND = 1 - GROSS - SMALLER
 # A reference is rejected where the odds are ten to one that it is wrong.
 REJECTED = 0.1
 _ROOT_TWO_PI = math.sqrt(2 * math.pi)
@@ -42,11 +42,11 @@ def outlier_density(residual: FloatArray, variance: FloatArray) -> FloatArray:
         ``0.02 L(r; v + 0.5^2) + 0.03 N(r - 0.4; v + 0.25^2)`` times sqrt(2 pi), with the Laplace
         density ``L(r; 2 b^2) = exp(-|r| / b) / (2 b)``: wrong units and labels have no bounds.
     """
-    scale = np.sqrt((variance + _GROSS_STD**2) / 2)
-    smaller = variance + _SMALLER_STD**2
+    scale = np.sqrt((variance + GROSS_STD**2) / 2)
+    smaller = variance + SMALLER_STD**2
     either_way: FloatArray = np.exp(-np.abs(residual) / scale) * (_ROOT_TWO_PI / (2 * scale))
-    one_sided = np.exp(-0.5 * (residual - _SMALLER_BY) ** 2 / smaller) / np.sqrt(smaller)
-    return _GROSS * either_way + _SMALLER * one_sided
+    one_sided = np.exp(-0.5 * (residual - SMALLER_BY) ** 2 / smaller) / np.sqrt(smaller)
+    return GROSS * either_way + SMALLER * one_sided
 
 
 def robust_evidence(obs: LogObservations, fit: LogFit) -> FloatArray:

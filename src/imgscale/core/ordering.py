@@ -103,7 +103,9 @@ def column_order(keys: IntArray) -> IntArray:
         order: IntArray = np.argsort(keys, axis=0, kind="stable")
         return order
     bits = (size - 1).bit_length()
-    rows: list[NDArray[np.int64]] = list((keys.astype(np.int64) << bits) | np.arange(size, dtype=np.int64)[:, None])
+    rows: list[NDArray[np.int64]] = list(
+        (keys.astype(np.int64) << bits) | np.arange(size, dtype=np.int64)[:, None]
+    )
     for low, high in _comparisons(size, 0, size - 1):
         first, second = rows[low], rows[high]
         rows[low], rows[high] = np.minimum(first, second), np.maximum(first, second)
@@ -122,7 +124,9 @@ def _sorted_together(values: FloatArray, weights: FloatArray) -> tuple[FloatArra
     for low, high in _comparisons(size, 0, size - 1):
         first, second = rows[low], rows[high]
         rows[low], rows[high] = np.minimum(first, second), np.maximum(first, second)
-    flat = (np.stack(rows).view(np.int64) & ((1 << bits) - 1)) * width + np.arange(width, dtype=np.intp)
+    flat = (np.stack(rows).view(np.int64) & ((1 << bits) - 1)) * width + np.arange(
+        width, dtype=np.intp
+    )
     return values.ravel()[flat], weights.ravel()[flat]
 
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from typing import NamedTuple
 
 import numpy as np
 
-from imgscale._typing import FloatArray, IntArray
+from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.core.estimator import log_k_std, view_from_others
 from imgscale.core.mixture import MEDIAN, SCORES, Mixture
 from imgscale.core.posterior import log_evidence, view_on_grid
-from imgscale.core.segments import View, normalised
+from imgscale.core.segments import MIN_VARIANCE, Subjects, View, normalised
 from imgscale.core.sighting import Sighting, observe_under, sight, subjects_under
 from imgscale.core.solving import Cases
-from imgscale.core.witnesses import Sized
+from imgscale.core.witnesses import Nuisance, Sized
 
 # Variances below this are rounding.
 _LEAST = 1e-24
@@ -38,7 +39,11 @@ def scale_of(cases: Cases) -> Mixture:
     Mixture
         One row for each image.
     """
-    return measured(cases, _images(cases))
+    if cases.grid is not None:
+        return measured(cases, _images(cases))
+    weight = normalised(cases.log_weight, 0).T
+    log_k, log_std = (part.reshape(cases.log_weight.shape).T for part in cases.fit[:2])
+    return Mixture(weight, log_k, log_std**2)
 
 
 def scale_under(cases: Cases) -> Mixture:
@@ -58,7 +63,7 @@ def scale_under(cases: Cases) -> Mixture:
     view, _ = _seen_by_strangers(cases, _images(cases))
     log_weight = view.log_weight - view.log_weight.max()
     weight, mean, variance = (
-        column[:, 0] for column in _blended(log_weight, view.log_k, view.log_k_var)
+        column[:, 0] for column in _blended(np.exp(log_weight), view.log_k, view.log_k_var)
     )
     return Mixture(weight / weight.sum(), mean, variance)
 
@@ -90,32 +95,37 @@ def measured(cases: Cases, subjects: Sized) -> Mixture:
         One row for each object; mass beyond the horizon is missing.
     """
     view, seen = _seen_by_strangers(cases, subjects)
-    log_weight = view.log_weight + seen.log_weight[..., None]
-    log_weight = log_weight - log_weight.max(axis=(0, 1, 3), keepdims=True)
-    clouds: list[Mixture] = []
-    for way in range(len(seen.log_size)):
-        log_size: FloatArray = seen.log_size[way]
-        finite = np.isfinite(log_size)
-        mean = view.log_k + np.where(finite, log_size, 0.0)[..., None]
-        cloud = _blended(log_weight[way], mean, view.log_k_var + seen.variance[way][..., None])
-        # where there is no depth, nothing is known; beyond the horizon the size has no bound
-        lost = np.where(np.isposinf(log_size), np.inf, np.nan)[..., None]
-        clouds.append(cloud._replace(mean=np.where(finite[..., None], mean, lost)))
-    return _mix(clouds)
+    mean = view.log_k + seen.log_size[..., None]
+    variance = view.log_k_var + seen.variance[..., None]
+    if mean.shape[0] * mean.shape[1] * mean.shape[3] == 1:  # one Gaussian, if it is anywhere
+        known = np.where(np.isposinf(mean), np.nan, mean)[0, 0]
+        return Mixture(np.ones_like(known), known, variance[0, 0])
+    weight = _relative(view.log_weight + seen.log_weight[..., None])
+    finite = np.isfinite(seen.log_size)
+    if finite.all():
+        return _mix(*_blended(weight, mean, variance))
+    # where there is no depth, nothing is known; beyond the horizon the size has no bound
+    lost = np.where(np.isposinf(seen.log_size), np.inf, np.nan)[..., None]
+    mean = view.log_k + np.where(finite, seen.log_size, 0.0)[..., None]
+    weight, mean, variance = _blended(weight, mean, variance)
+    return _mix(weight, np.where(finite[..., None], mean, lost), variance)
 
 
 def _seen_by_strangers(cases: Cases, subjects: Sized) -> tuple[View, Sighting]:
     """Look at objects that share no label's offset with the references."""
+    if cases.grid is None:  # log k as it was fitted, with the error that was declared
+        shape = cases.log_weight.shape
+        log_k, log_std, log_weight = (
+            part.reshape(shape)[:, subjects.image, None]
+            for part in (cases.fit.log_k, cases.fit.log_std, cases.log_weight)
+        )
+        nothing = np.zeros_like(log_k)
+        view = View(log_weight, log_k, log_std**2, nothing, nothing, nothing)
+        return view, _news(subjects, cases.nuisance)
     nobody = np.full(subjects.group.size, -1)
     strangers = subjects._replace(group=nobody, tau=np.zeros(subjects.tau.size))
-    view, seen = _look(cases, strangers, nobody)
-    if cases.grid is None:  # log k as it was fitted, with the error that was declared
-        image = (
-            subjects.image + cases.log_weight.shape[1] * np.arange(cases.nuisance.n_cases)[:, None]
-        )
-        log_k, log_std = cases.fit.log_k[image], cases.fit.log_std[image]
-        view = view._replace(log_k=log_k[..., None], log_k_var=log_std[..., None] ** 2)
-    return view, seen
+    look = _look(cases, strangers, nobody)
+    return _view(cases, look), look.seen
 
 
 def measured_again(
@@ -154,13 +164,10 @@ def measured_again(
     common = seen.variance - alone
     variance = np.maximum(log_k_var + seen.variance - 2 * share * common, 0.0)
     mean = log_k + seen.log_size
+    if len(mean) * len(log_k) == 1:
+        return Mixture(np.ones_like(mean[0].T), mean[0].T, variance[0].T)
     weight = normalised(cases.log_weight, 0)[:, references.image] * seen.share
-    return _mix(
-        [
-            Mixture(*(part[..., None] for part in way))
-            for way in zip(weight, mean, variance, strict=True)
-        ]
-    )
+    return _mix(weight[..., None], mean[..., None], variance[..., None])
 
 
 def fused(cases: Cases, subjects: Sized, own: IntArray) -> Mixture:
@@ -186,30 +193,31 @@ def fused(cases: Cases, subjects: Sized, own: IntArray) -> Mixture:
     In each case the best linear combination of A = prior - u and B = log k + log(d p), whose
     covariance is -cov(log k, u).
     """
-    view, seen = _look(cases, subjects, own)
-    kinds: list[Mixture] = []  # with the logs of the weights
-    for way in range(len(seen.log_size)):
-        log_size: FloatArray = seen.log_size[way]
-        alone = np.isnan(view.log_k) | ~np.isfinite(log_size)[..., None]
-        log_weight = view.log_weight + seen.log_weight[way][..., None]
-        noise_var = seen.variance[way][..., None]
-        for share, kind_mean, kind_var in zip(*(part.T for part in subjects.prior), strict=True):
-            a, b = kind_mean[:, None] - view.offset, view.log_k + log_size[..., None]
-            var_a, var_b = kind_var[:, None] + view.offset_var, view.log_k_var + noise_var
-            spread = np.where(alone, 1.0, np.maximum(var_a + var_b + 2 * view.covariance, _LEAST))
-            gap = np.where(alone, 0.0, b - a)
-            gain = np.where(alone, 0.0, (var_a + view.covariance) / spread)
-            with np.errstate(divide="ignore"):
-                log_share = np.log(share)[:, None]
-            kinds.append(
-                Mixture(
-                    log_weight + log_share - 0.5 * (gap**2 / spread + np.log(spread)),
-                    a + gain * gap,
-                    np.maximum(var_a - gain * (var_a + view.covariance), 0.0),
-                )
-            )
-    peak = np.max([_peak(kind.weight) for kind in kinds], axis=0)
-    return _mix([_blended(kind.weight - peak, kind.mean, kind.variance) for kind in kinds])
+    look = _look(cases, subjects, own)
+    return _fused(look, _view(cases, look))
+
+
+def _fused(look: _Look, view: View) -> Mixture:
+    """Fuse what the others say with the objects' own priors: (H, J, K, M, C)."""
+    seen = look.seen
+    log_size, noise_var = (part[:, None, :, :, None] for part in (seen.log_size, seen.variance))
+    share, kind_mean, kind_var = (part.T[:, None, :, None] for part in look.subjects.prior)
+    a, b = kind_mean - view.offset, view.log_k + log_size
+    var_a, var_b = kind_var + view.offset_var, view.log_k_var + noise_var
+    spread = np.maximum(var_a + var_b + 2 * view.covariance, _LEAST)
+    gap = b - a
+    gain = (var_a + view.covariance) / spread
+    alone = ~np.isfinite(b)
+    if alone.any():
+        spread, gap, gain = (
+            np.where(alone, value, part) for value, part in ((1.0, spread), (0.0, gap), (0.0, gain))
+        )
+    with np.errstate(divide="ignore"):
+        log_weight = view.log_weight + np.log(share) - 0.5 * (gap**2 / spread + np.log(spread))
+    mean = a + gain * gap
+    variance = np.maximum(var_a - gain * (var_a + view.covariance), 0.0)
+    log_weight = log_weight + seen.log_weight[:, None, :, :, None]
+    return _mix(*_blended(_relative(log_weight), mean, variance))
 
 
 def with_priors(cases: Cases, subjects: Sized, own: IntArray) -> FloatArray:
@@ -231,10 +239,67 @@ def with_priors(cases: Cases, subjects: Sized, own: IntArray) -> FloatArray:
         Quantiles at the standard scores. Where a measurement contradicts a prior so much that
         both together are wider, the prior stands alone.
     """
-    together = fused(cases, subjects, own).quantiles()
-    alone = prior_alone(subjects).quantiles()
+    look = _look(cases, subjects, own)
+    return _with_priors(look, _view(cases, look))
+
+
+def _with_priors(look: _Look, view: View) -> FloatArray:
+    """Quantiles with the objects' own priors, never wider than those."""
+    together, alone = _quantiles_of_both(_fused(look, view), prior_alone(look.subjects))
     wider = (together[:, _UPPER] - together[:, _LOWER]) > (alone[:, _UPPER] - alone[:, _LOWER])
-    return np.where(np.any(wider, axis=1, keepdims=True), alone, together)
+    worse = wider.any(axis=1)
+    if worse.any():
+        together[worse] = alone[worse]
+    return together
+
+
+def _quantiles_of_both(first: Mixture, second: Mixture) -> tuple[FloatArray, FloatArray]:
+    """Quantiles of two mixtures, at once where they have as many components."""
+    if first.mean.shape != second.mean.shape or first.mean.shape[1] == 1:
+        return first.quantiles(), second.quantiles()
+    both = Mixture(*(np.concatenate(pair) for pair in zip(first, second, strict=True))).quantiles()
+    return both[: len(both) // 2], both[len(both) // 2 :]
+
+
+class Explained(NamedTuple):
+    """
+    What the solutions say of candidates.
+
+    Attributes
+    ----------
+    quantiles : (M, 29) ndarray of float64
+        Of their log sizes with their own priors, as of `with_priors`.
+    z_score : (M,) ndarray of float64
+        Observed minus expected log k by all other references of its image, in standard errors; NaN
+        where there is no other.
+    """
+
+    quantiles: FloatArray
+    z_score: FloatArray
+
+
+def explained(cases: Cases, candidates: Sized, own: IntArray) -> Explained:
+    """
+    Size candidates with their own priors, and compare them with all others of their image.
+
+    Parameters
+    ----------
+    cases : Cases
+        The solutions.
+    candidates : Sized
+        References.
+    own : (M,) ndarray of int
+        Their numbers.
+
+    Returns
+    -------
+    Explained
+        Both.
+    """
+    look = _look(cases, candidates, own)
+    view = _view(cases, look)
+    declared = _view(cases, look, declared=True) if _is_widened(cases) else view
+    return Explained(_with_priors(look, view), _residuals(cases, look, declared))
 
 
 def prior_alone(subjects: Sized) -> Mixture:
@@ -258,116 +323,145 @@ def prior_alone(subjects: Sized) -> Mixture:
     )
 
 
-def residuals(cases: Cases, candidates: Sized, own: IntArray) -> FloatArray:
-    """
-    Compare references with all others of their image.
-
-    Parameters
-    ----------
-    cases : Cases
-        The solutions.
-    candidates : Sized
-        References.
-    own : (M,) ndarray of int
-        Their numbers.
-
-    Returns
-    -------
-    (M,) ndarray of float64
-        Observed minus expected log k, in standard errors; NaN where there is no other reference.
-    """
-    view, _ = _look(cases, candidates, own, declared=True)
-    shape = (cases.nuisance.n_cases, -1)
-    alone = observe_under(candidates, cases.nuisance)
-    observed = alone.y.reshape(shape)[..., None]
-    own_var = alone.variance.reshape(shape)[..., None]
+def _residuals(cases: Cases, look: _Look, view: View) -> FloatArray:
+    """Compare what references say with what all others do."""
+    observed, own_var = _observed(cases, look)
     residual = observed - view.log_k - view.offset
     variance = view.log_k_var + view.offset_var + 2 * view.covariance + own_var
-    weight = np.exp(view.log_weight - _peak(view.log_weight))
-    mixture = _mix([Mixture(weight, residual, variance)])
-    mean = (mixture.weight * mixture.mean).sum(axis=1)
-    spread = mixture.variance + (mixture.mean - mean[:, None]) ** 2
-    z_scores: FloatArray = mean / np.sqrt((mixture.weight * spread).sum(axis=1))
+    if len(residual) * residual.shape[2] == 1:
+        alone: FloatArray = residual[0, :, 0] / np.sqrt(variance[0, :, 0])
+        return alone
+    weight, residual, variance = _mix(_relative(view.log_weight), residual, variance)
+    mean = (weight * residual).sum(axis=1)
+    spread = variance + (residual - mean[:, None]) ** 2
+    z_scores: FloatArray = mean / np.sqrt((weight * spread).sum(axis=1))
     return z_scores
 
 
-def _look(
-    cases: Cases, subjects: Sized, own: IntArray, *, declared: bool = False
-) -> tuple[View, Sighting]:
-    """View of each object (K, M, C), and what it looks like (H, K, M)."""
-    seen = sight(subjects, cases.nuisance)
-    if subjects.stance is None or not subjects.stance.is_new.all():
-        # a foot that was a witness of the plane is in the weights of the cases
-        is_new = False if subjects.stance is None else subjects.stance.is_new
-        known = seen.log_weight - np.where(is_new, 0.0, seen.evidence)
-        seen = seen._replace(log_weight=known)
+def _observed(cases: Cases, look: _Look) -> tuple[FloatArray, FloatArray]:
+    """Log k as each reference alone gives it, and its variance, (K, M, 1) each."""
+    seen, references = look.seen, look.subjects
+    if len(seen.log_size) == 1 and np.isfinite(seen.log_size).all():
+        variance = np.maximum(references.prior_var + seen.variance[0], MIN_VARIANCE)
+        return (references.prior_log - seen.log_size[0])[..., None], variance[..., None]
+    alone = observe_under(references, cases.nuisance)
+    shape = (cases.nuisance.n_cases, -1, 1)
+    return alone.y.reshape(shape), alone.variance.reshape(shape)
+
+
+class _Look(NamedTuple):
+    """Objects (M), what they look like (H, K, M), and their numbers in each case (K M)."""
+
+    subjects: Sized
+    seen: Sighting
+    columns: Subjects
+
+
+def _look(cases: Cases, subjects: Sized, own: IntArray) -> _Look:
+    """Look at objects under each case."""
     columns = subjects_under(subjects, own, cases.witnesses, cases.nuisance)
+    return _Look(subjects, _news(subjects, cases.nuisance), columns)
+
+
+def _news(subjects: Sized, nuisance: Nuisance) -> Sighting:
+    """See what the weights of the cases do not hold: not the foot of a witness of the plane."""
+    seen = sight(subjects, nuisance)
+    if subjects.stance is None or subjects.stance.is_new.all():
+        return seen
+    known = seen.log_weight - np.where(subjects.stance.is_new, 0.0, seen.evidence)
+    return seen._replace(log_weight=known)
+
+
+def _is_widened(cases: Cases) -> bool:
+    """Tell where an excess variance, or anything else, changes the errors as they were told."""
+    told: FloatArray = cases.fit.trust / cases.obs.variance
+    return cases.grid is None and not np.array_equal(told, cases.fit.weight)
+
+
+def _view(cases: Cases, look: _Look, *, declared: bool = False) -> View:
+    """View of each object (K, M, C); by the errors as they were told, to show disagreement."""
+    shape, image = cases.log_weight.shape, look.subjects.image
     if cases.grid is not None:
-        view = view_on_grid(cases.grid, columns)
-        log_prior = (cases.log_weight - log_evidence(cases.grid).reshape(cases.log_weight.shape))[
-            :, subjects.image
-        ]
+        view = view_on_grid(cases.grid, look.columns)
+        log_prior = (cases.log_weight - log_evidence(cases.grid).reshape(shape))[:, image]
     else:
         fit = cases.fit
-        if declared:  # by the errors as they were told, so that a disagreement shows
+        if declared:
             fit = fit._replace(weight=fit.trust / cases.obs.variance)
-        view = view_from_others(cases.obs, fit, columns)
-        log_prior = cases.log_weight[:, subjects.image]
-    view = View(*(column.reshape(*seen.log_size.shape[1:], column.shape[1]) for column in view))
-    return view._replace(log_weight=view.log_weight + log_prior[..., None]), seen
+        view = view_from_others(cases.obs, fit, look.columns)
+        log_prior = cases.log_weight[:, image]
+    view = View(*(part.reshape(len(log_prior), image.size, part.shape[1]) for part in view))
+    return view._replace(log_weight=view.log_weight + log_prior[..., None])
 
 
-def _blended(log_weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Mixture:
+def _blended(
+    weight: FloatArray, mean: FloatArray, variance: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """
-    Make a mixture (K, M, C), whose components may be points of a grid, smooth along C.
+    Make components (..., C), which may be points of a grid, smooth along C.
 
     Points are widened to 0.6 of their spacing, and the weights w sharpened by as much: with D
     second differences and t the added variance in squared steps,
     w - D(t w) / 2 + D D((t / 24 + t^2 / 8) w) undoes it.
     """
-    weight = np.exp(log_weight)
-    if mean.shape[2] == 1:
-        return Mixture(weight, mean, variance)
-    spacing = np.gradient(mean, axis=2) ** 2
+    if mean.shape[-1] == 1:
+        return weight, mean, variance
+    spacing = _spacing(mean) ** 2
     added = np.maximum(_BLEND * spacing - variance, 0.0)
+    if not added.any():
+        return weight, mean, variance
     t = added / np.maximum(spacing, _LEAST)
-    sharper = (
-        weight
-        - _second_difference(t * weight) / 2
-        + _second_difference(_second_difference((t / 24 + t**2 / 8) * weight))
-    )
-    return Mixture(np.maximum(sharper, 0.0), mean, variance + added)
+    sharper = _second_difference((t / 24 + t**2 / 8) * weight)
+    sharper -= t * weight / 2
+    sharper = weight + _second_difference(sharper)
+    return np.maximum(sharper, 0.0, out=sharper), mean, variance + added
+
+
+def _spacing(values: FloatArray) -> FloatArray:
+    """Half the distance between the two neighbours, or the distance to the only one."""
+    spacing = np.empty_like(values)
+    np.subtract(values[..., 2:], values[..., :-2], out=spacing[..., 1:-1])
+    spacing[..., 1:-1] /= 2
+    spacing[..., 0] = values[..., 1] - values[..., 0]
+    spacing[..., -1] = values[..., -1] - values[..., -2]
+    return spacing
 
 
 def _second_difference(values: FloatArray) -> FloatArray:
     """Second difference along the last axis, beyond whose ends the values are 0."""
-    padded = np.pad(values, ((0, 0), (0, 0), (1, 1)))
-    difference: FloatArray = padded[..., 2:] - 2 * values + padded[..., :-2]
+    difference = -2 * values
+    difference[..., 1:] += values[..., :-1]
+    difference[..., :-1] += values[..., 1:]
     return difference
 
 
-def _peak(log_weight: FloatArray) -> FloatArray:
-    """Largest log weight of each object over all cases."""
-    peak: FloatArray = log_weight.max(axis=(0, 2), keepdims=True)
-    return peak
+def _relative(log_weight: FloatArray) -> FloatArray:
+    """Weights (..., K, M, C) over the largest of each object."""
+    others = (*range(log_weight.ndim - 2), log_weight.ndim - 1)
+    weight: FloatArray = np.exp(log_weight - log_weight.max(axis=others, keepdims=True))
+    return weight
 
 
-def _mix(clouds: Sequence[Mixture]) -> Mixture:
-    """Gather all cases of each object in one row; what lies at infinity weighs, and is left out."""
-    n_subjects = clouds[0].mean.shape[1]
+def _mix(weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Mixture:
+    """
+    Gather all components (..., M, C) of each object in one row, weights as large as they may be.
 
-    def rows(column: FloatArray) -> FloatArray:
-        by_object = np.moveaxis(column, 1, 0)
-        return by_object.reshape(n_subjects, column.shape[0] * column.shape[2])
-
+    What lies at infinity weighs, and is left out.
+    """
     weight, mean, variance = (
-        np.concatenate([rows(part) for part in parts], axis=1)
-        for parts in zip(*clouds, strict=True)
+        _by_object(np.broadcast_to(part, np.broadcast_shapes(weight.shape, mean.shape)))
+        for part in (weight, mean, variance)
     )
     weight = weight / weight.sum(axis=1, keepdims=True)
-    infinite = np.isposinf(mean)
-    return Mixture(
-        weight=np.where(infinite, 0.0, weight),
-        mean=np.where(infinite, 0.0, mean),
-        variance=variance,
-    )
+    infinite: BoolArray = np.isposinf(mean)
+    if infinite.any():
+        weight, mean = np.where(infinite, 0.0, weight), np.where(infinite, 0.0, mean)
+    return Mixture(weight, mean, variance)
+
+
+def _by_object(column: FloatArray) -> FloatArray:
+    """Rows (M, ...) of components (..., M, C)."""
+    count, size = column.shape[-2:]
+    n_cases = math.prod(column.shape[:-2])
+    rows: FloatArray = column.reshape(n_cases, count, size).transpose(1, 0, 2)
+    return rows.reshape(count, n_cases * size)
