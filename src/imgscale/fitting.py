@@ -11,7 +11,6 @@ import numpy as np
 from imgscale._checks import check_choice, check_type
 from imgscale._typing import DepthKind, FitMethod
 from imgscale.camera import Camera
-from imgscale.core.mixture import half_width
 from imgscale.core.predictive import scale_of
 from imgscale.core.solving import Estimate, PlaneEstimate, Problem, estimate
 from imgscale.depth import Depth, DepthMap, GroundPlane, check_depth_type
@@ -239,7 +238,7 @@ def fit_observed(
     shift = _shift(found, plane, setting.kind)
     return ScaleModel(
         k=math.exp(log_k),
-        k_std=math.exp(log_k) * float(half_width(scale_of(cases).quantiles())[0]),
+        k_std=math.exp(log_k) * float(scale_of(cases).half_width()[0]),
         **shift,
         plane=plane,
         mean_depth=_mean_depth(references, setting.kind, shift["shift"]),

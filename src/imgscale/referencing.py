@@ -10,7 +10,6 @@ import numpy as np
 
 from imgscale._typing import FloatArray, IntArray
 from imgscale.core.evidence import REJECTED
-from imgscale.core.mixture import MEDIAN, half_width
 from imgscale.core.predictive import explained, measured
 from imgscale.core.sighting import log_scales
 from imgscale.core.solving import Cases, Estimate
@@ -142,17 +141,16 @@ def _said(
     """Gather what the solutions say of candidates of the size `log_own` for k = 1."""
     own = np.arange(log_own.size)
     rejected = belief.trust < REJECTED
-    quantiles, z_score = explained(cases, candidates, own)
-    log_size = quantiles[:, MEDIAN].copy()
+    log_size, log_std, z_score = explained(cases, candidates, own)
     if rejected.any():  # its prior does not hold for it: what is left is its measurement
         lost = candidates.rows(rejected)
-        quantiles[rejected] = measured(cases, lost).quantiles()
+        log_std[rejected] = measured(cases, lost).half_width()
         log_size[rejected] = estimate.log_k[0] + log_own[rejected]
     posterior_m = np.exp(log_size)
     return np.array(
         [
             posterior_m,
-            posterior_m * half_width(quantiles),
+            posterior_m * log_std,
             z_score,
             estimate.share[: own.size],
             belief.probability,

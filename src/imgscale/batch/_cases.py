@@ -22,7 +22,6 @@ from imgscale.batch._slab import (
     noise_var,
 )
 from imgscale.core.evidence import REJECTED
-from imgscale.core.mixture import half_width
 from imgscale.core.predictive import scale_of
 from imgscale.core.segments import Parts
 from imgscale.core.sighting import log_scales
@@ -186,7 +185,7 @@ def _put_models(
 ) -> None:
     """Write the models."""
     images.k[used] = np.exp(found.log_k)
-    images.k_std[used] = images.k[used] * half_width(scale_of(cases).quantiles())
+    images.k_std[used] = images.k[used] * scale_of(cases).half_width()
     if options.law.has_shift:
         images.shift[used] = found.shift
     sound = ~rejected

@@ -14,6 +14,7 @@ LARGEST_SCORE = 3.5
 # linear interpolation between them is exact; of any other shape they keep tails and asymmetry.
 SCORES: FloatArray = np.linspace(-LARGEST_SCORE, LARGEST_SCORE, 29)
 MEDIAN = SCORES.size // 2
+_ONE = np.array([-1.0, 1.0])
 _FARTHEST = 4.5
 
 
@@ -22,7 +23,6 @@ def _normal(scores: FloatArray) -> FloatArray:
     return np.array([math.erfc(-score / math.sqrt(2)) / 2 for score in scores.tolist()])
 
 
-_PROBABILITIES = _normal(SCORES)
 # A component counts first as atoms at these scores, which reach beyond `SCORES`. Half of what is
 # between two of them belongs to either, and the tails to the outermost.
 _ATOMS: FloatArray = np.arange(-4.0, 4.5)
@@ -66,23 +66,41 @@ class Mixture(NamedTuple):
     mean: FloatArray
     variance: FloatArray
 
-    def quantiles(self) -> FloatArray:
+    def quantiles(self, scores: FloatArray = SCORES) -> FloatArray:
         """
-        Compute the quantiles at the standard scores `SCORES`.
+        Compute quantiles.
+
+        Parameters
+        ----------
+        scores : (S,) ndarray of float
+            The standard scores, increasing, at which they are wanted.
 
         Returns
         -------
-        (M, 29) ndarray of float64
+        (M, S) ndarray of float64
             Increasing along each row; inf beyond the finite mass, NaN where nothing is known.
         """
         if self.weight.shape[1] == 1:
-            return self.mean + np.sqrt(self.variance) * SCORES
-        found = np.empty((len(self.weight), SCORES.size))
+            return self.mean + np.sqrt(self.variance) * scores
+        found = np.empty((len(self.weight), scores.size))
         rows = max(1, _COMPONENTS // max(1, self.weight.shape[1]))
         for start in range(0, len(found), rows):
             some = slice(start, start + rows)
-            found[some] = _quantiles(self.weight[some], self.mean[some], self.variance[some])
+            found[some] = _quantiles(
+                self.weight[some], self.mean[some], self.variance[some], scores
+            )
         return found
+
+    def half_width(self) -> FloatArray:
+        """
+        Compute half the width of the central 68.3 %: for a Gaussian its standard deviation.
+
+        Returns
+        -------
+        (M,) ndarray of float64
+            The half widths; inf where the upper end is.
+        """
+        return half_between(*self.quantiles(_ONE).T)
 
 
 def half_width(quantiles: FloatArray) -> FloatArray:
@@ -100,7 +118,23 @@ def half_width(quantiles: FloatArray) -> FloatArray:
         The half widths; inf where the upper end is.
     """
     one = int(np.searchsorted(SCORES, 1.0))
-    low, high = quantiles[:, -1 - one], quantiles[:, one]
+    return half_between(quantiles[:, -1 - one], quantiles[:, one])
+
+
+def half_between(low: FloatArray, high: FloatArray) -> FloatArray:
+    """
+    Compute half the width of an interval that may be open.
+
+    Parameters
+    ----------
+    low, high : (M,) ndarray of float
+        The ends.
+
+    Returns
+    -------
+    (M,) ndarray of float64
+        The half widths; inf where the upper end is.
+    """
     return np.where(np.isposinf(high), np.inf, high - np.where(np.isposinf(low), 0.0, low)) / 2
 
 
@@ -140,7 +174,9 @@ class _Components(NamedTuple):
     height: FloatArray
 
 
-def _quantiles(weight: FloatArray, mean: FloatArray, variance: FloatArray) -> FloatArray:
+def _quantiles(
+    weight: FloatArray, mean: FloatArray, variance: FloatArray, scores: FloatArray
+) -> FloatArray:
     """Quantiles of rows that may be unknown, or have mass at infinity."""
     unknown = np.isnan(mean + variance)
     total = weight.sum(axis=1)
@@ -148,47 +184,49 @@ def _quantiles(weight: FloatArray, mean: FloatArray, variance: FloatArray) -> Fl
         known: BoolArray = np.where(unknown, 0.0, weight).sum(axis=1) > _NEGLIGIBLE
         known &= ~(np.where(unknown, weight, 0.0).sum(axis=1) > _NEGLIGIBLE)
         columns = (np.where(unknown, 0.0, part)[known] for part in (weight, mean, variance))
-        found = np.full((len(weight), SCORES.size), np.nan)
+        found = np.full((len(weight), scores.size), np.nan)
         if known.any():
-            found[known] = _quantiles(*columns)
+            found[known] = _quantiles(*columns, scores)
         return found
     std = np.maximum(np.sqrt(variance), _SAFE * (1 + np.abs(mean)))
-    found = _of_mixed(weight, mean, std, total)
+    found = _of_mixed(weight, mean, std, total, scores)
     missing = 1 - total[:, None]
     if missing.max(initial=0.0) > _MISSING:
-        found[(missing > _MISSING) & (1 - missing < _PROBABILITIES)] = np.inf
+        found[(missing > _MISSING) & (1 - missing < _normal(scores))] = np.inf
     return found
 
 
 def _of_mixed(
-    weight: FloatArray, mean: FloatArray, std: FloatArray, total: FloatArray
+    weight: FloatArray, mean: FloatArray, std: FloatArray, total: FloatArray, scores: FloatArray
 ) -> FloatArray:
     """Quantiles of rows, of those that are one Gaussian in closed form."""
     solve = _in_blocks if mean.shape[1] <= _FEW else _of_many
     mixed = weight.max(axis=1) < np.maximum(total, 1.0) - _EXACT
     if mixed.all():
-        return solve(weight, mean, std)
+        return solve(weight, mean, std, scores)
     row = np.arange(len(weight))
     alone = weight.argmax(axis=1)
-    found = mean[row, alone, None] + std[row, alone, None] * SCORES
+    found = mean[row, alone, None] + std[row, alone, None] * scores
     if mixed.any():
-        found[mixed] = solve(weight[mixed], mean[mixed], std[mixed])
+        found[mixed] = solve(weight[mixed], mean[mixed], std[mixed], scores)
     return found
 
 
-def _of_many(weight: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
+def _of_many(
+    weight: FloatArray, mean: FloatArray, std: FloatArray, scores: FloatArray
+) -> FloatArray:
     """Quantiles of rows of many components: of the heavy ones, merged where these are many too."""
     count, weight, mean, std = _heaviest(weight, mean, std)
-    found = np.empty((len(weight), SCORES.size))
+    found = np.empty((len(weight), scores.size))
     rows = np.flatnonzero(count <= _MANY)
     if rows.size:
         width = int(count[rows].max())
         columns = (part[rows, -width:] for part in (weight, mean, std))
-        found[rows] = _in_blocks(*columns)
+        found[rows] = _in_blocks(*columns, scores)
     for row in np.flatnonzero(count > _MANY).tolist():
         kept = slice(-int(count[row]), None)
         merged = _merged(weight[row, kept], mean[row, kept], std[row, kept])
-        found[row] = _in_blocks(*(part[None] for part in merged))[0]
+        found[row] = _in_blocks(*(part[None] for part in merged), scores)[0]
     return found
 
 
@@ -208,33 +246,37 @@ def _heaviest(
     return count, weight[:, -order.shape[1] :], mean[row, order], std[row, order]
 
 
-def _in_blocks(weight: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
+def _in_blocks(
+    weight: FloatArray, mean: FloatArray, std: FloatArray, scores: FloatArray
+) -> FloatArray:
     """Quantiles of rows, so many at once as the cache holds."""
-    size = max(1, _CELLS // (SCORES.size * weight.shape[1]))
+    size = max(1, _CELLS // (scores.size * weight.shape[1]))
     if len(weight) <= size:
-        return _inverted(weight, mean, std)
-    found = np.empty((len(weight), SCORES.size))
+        return _inverted(weight, mean, std, scores)
+    found = np.empty((len(weight), scores.size))
     for start in range(0, len(found), size):
         some = slice(start, start + size)
-        found[some] = _inverted(weight[some], mean[some], std[some])
+        found[some] = _inverted(weight[some], mean[some], std[some], scores)
     return found
 
 
-def _inverted(weight: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
+def _inverted(
+    weight: FloatArray, mean: FloatArray, std: FloatArray, scores: FloatArray
+) -> FloatArray:
     """Invert the cumulative distribution in standard scores, in which it is nearly straight."""
     with np.errstate(all="ignore"):
         parts = _Components(*(part.T[:, :, None] for part in (weight, mean, 1 / std, weight / std)))
-        low, high = _bracket(weight, mean, std)
-        at = np.minimum(np.maximum(_start(weight, mean, std), low), high)
+        low, high = _bracket(weight, mean, std, scores)
+        at = np.minimum(np.maximum(_start(weight, mean, std, scores), low), high)
         # two steps for all, that no row depends on the others
-        at, _ = _step(at, low, high, SCORES, parts)
-        at, is_found = _step(at, low, high, SCORES, parts)
+        at, _ = _step(at, low, high, scores, parts)
+        at, is_found = _step(at, low, high, scores, parts)
         if is_found.all():
             return np.maximum.accumulate(at, axis=1)
         row, column = np.nonzero(~is_found)
         x, below, above = at[row, column], low[row, column], high[row, column]
         for _ in range(_AT_MOST):
-            x, is_found = _step(x, below, above, SCORES[column], _of_rows(parts, row))
+            x, is_found = _step(x, below, above, scores[column], _of_rows(parts, row))
             at[row, column] = x
             left = np.flatnonzero(~is_found)
             if not left.size:
@@ -250,10 +292,10 @@ def _of_rows(parts: _Components, rows: IntArray) -> _Components:
 
 
 def _bracket(
-    weight: FloatArray, mean: FloatArray, std: FloatArray
+    weight: FloatArray, mean: FloatArray, std: FloatArray, wanted: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Quantiles of a mixture lie among those of its components, if it lacks no mass."""
-    ends = mean[:, :, None] + std[:, :, None] * SCORES
+    ends = mean[:, :, None] + std[:, :, None] * wanted
     lacks = weight.sum(axis=1) < 1 - _EXACT
     nothing = weight == 0
     if not (lacks.any() or nothing.any()):
@@ -264,7 +306,9 @@ def _bracket(
     return np.where(nothing[:, :, None], np.inf, ends).min(axis=1), high
 
 
-def _start(weight: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
+def _start(
+    weight: FloatArray, mean: FloatArray, std: FloatArray, wanted: FloatArray
+) -> FloatArray:
     """Quantiles, roughly: those of the components' atoms."""
     from scipy import special  # noqa: PLC0415 - tens of milliseconds of import
 
@@ -280,7 +324,7 @@ def _start(weight: FloatArray, mean: FloatArray, std: FloatArray) -> FloatArray:
     scores = special.ndtri(np.minimum(np.maximum(middle, _ROUNDING), 1 - _ROUNDING))
     scores = np.maximum.accumulate(np.rint(scores * _LATTICE) / _LATTICE, axis=1)
     row = _ROW * np.arange(count)[:, None]
-    return np.interp(SCORES + row, (scores + row).ravel(), at.ravel()[order].ravel())
+    return np.interp(wanted + row, (scores + row).ravel(), at.ravel()[order].ravel())
 
 
 def _evaluated(at: FloatArray, parts: _Components) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.core.estimator import log_k_std, view_from_others
-from imgscale.core.mixture import MEDIAN, SCORES, Mixture
+from imgscale.core.mixture import SCORES, Mixture, half_between
 from imgscale.core.posterior import log_evidence, view_on_grid
 from imgscale.core.segments import MIN_VARIANCE, Subjects, View, normalised
 from imgscale.core.sighting import Sighting, observe_under, sight, subjects_under
@@ -18,9 +18,10 @@ from imgscale.core.witnesses import Nuisance, Sized
 
 # Variances below this are rounding.
 _LEAST = 1e-24
-# Where widths are compared: scores from 1 to 2, the 68 to 95 % intervals.
-_UPPER = np.arange(MEDIAN + 4, MEDIAN + 9)
-_LOWER = SCORES.size - 1 - _UPPER
+# Where widths are compared: scores from 1 to 2, the 68 to 95 % intervals; and the median.
+_OF_WIDTHS: FloatArray = SCORES[(np.abs(SCORES) >= 1) & (np.abs(SCORES) <= 2)]
+_FEW_SCORES: FloatArray = np.sort(np.append(_OF_WIDTHS, 0.0))
+_MIDDLE = _FEW_SCORES.size // 2
 # Points of a grid are widened to 0.6 steps: a Gaussian of theirs is then smooth within 1e-4.
 _BLEND = 0.6**2
 
@@ -240,24 +241,29 @@ def with_priors(cases: Cases, subjects: Sized, own: IntArray) -> FloatArray:
         both together are wider, the prior stands alone.
     """
     look = _look(cases, subjects, own)
-    return _with_priors(look, _view(cases, look))
+    return _with_priors(look, _view(cases, look), SCORES)
 
 
-def _with_priors(look: _Look, view: View) -> FloatArray:
-    """Quantiles with the objects' own priors, never wider than those."""
-    together, alone = _quantiles_of_both(_fused(look, view), prior_alone(look.subjects))
-    wider = (together[:, _UPPER] - together[:, _LOWER]) > (alone[:, _UPPER] - alone[:, _LOWER])
+def _with_priors(look: _Look, view: View, scores: FloatArray) -> FloatArray:
+    """Quantiles at scores with the objects' own priors, never wider than those."""
+    together, alone = _quantiles_of_both(_fused(look, view), prior_alone(look.subjects), scores)
+    upper = np.flatnonzero((scores >= 1) & (scores <= _OF_WIDTHS[-1]))
+    lower = scores.size - 1 - upper
+    wider = (together[:, upper] - together[:, lower]) > (alone[:, upper] - alone[:, lower])
     worse = wider.any(axis=1)
     if worse.any():
         together[worse] = alone[worse]
     return together
 
 
-def _quantiles_of_both(first: Mixture, second: Mixture) -> tuple[FloatArray, FloatArray]:
+def _quantiles_of_both(
+    first: Mixture, second: Mixture, scores: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Quantiles of two mixtures, at once where they have as many components."""
     if first.mean.shape != second.mean.shape or first.mean.shape[1] == 1:
-        return first.quantiles(), second.quantiles()
-    both = Mixture(*(np.concatenate(pair) for pair in zip(first, second, strict=True))).quantiles()
+        return first.quantiles(scores), second.quantiles(scores)
+    together = Mixture(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
+    both = together.quantiles(scores)
     return both[: len(both) // 2], both[len(both) // 2 :]
 
 
@@ -267,14 +273,16 @@ class Explained(NamedTuple):
 
     Attributes
     ----------
-    quantiles : (M, 29) ndarray of float64
-        Of their log sizes with their own priors, as of `with_priors`.
+    log_size, log_std : (M,) ndarray of float64
+        Median of their log sizes with their own priors, as of `with_priors`, and half the width of
+        the central 68.3 %.
     z_score : (M,) ndarray of float64
         Observed minus expected log k by all other references of its image, in standard errors; NaN
         where there is no other.
     """
 
-    quantiles: FloatArray
+    log_size: FloatArray
+    log_std: FloatArray
     z_score: FloatArray
 
 
@@ -299,7 +307,12 @@ def explained(cases: Cases, candidates: Sized, own: IntArray) -> Explained:
     look = _look(cases, candidates, own)
     view = _view(cases, look)
     declared = _view(cases, look, declared=True) if _is_widened(cases) else view
-    return Explained(_with_priors(look, view), _residuals(cases, look, declared))
+    quantiles = _with_priors(look, view, _FEW_SCORES)
+    return Explained(
+        log_size=quantiles[:, _MIDDLE].copy(),
+        log_std=half_between(quantiles[:, _MIDDLE - 1], quantiles[:, _MIDDLE + 1]),
+        z_score=_residuals(cases, look, declared),
+    )
 
 
 def prior_alone(subjects: Sized) -> Mixture:
