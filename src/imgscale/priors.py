@@ -265,7 +265,7 @@ class PriorTable:
         >>> from imgscale import PriorTable
         >>> car = PriorTable.default().sizes("car")["height"]
         >>> (car.mean_m, car.rows[0].source == "")
-        (1.53, False)
+        (1.6, False)
         """
         name = normal_label(label)
         known = self._sizes.get(name)

@@ -424,10 +424,11 @@ def _blended(
     if not added.any():
         return weight, mean, variance
     t = added / np.maximum(spacing, _LEAST)
+    there = weight > 0  # nothing leaks into what fills the rows of shorter grids
     sharper = _second_difference((t / 24 + t**2 / 8) * weight)
     sharper -= t * weight / 2
-    sharper = weight + _second_difference(sharper)
-    return np.maximum(sharper, 0.0, out=sharper), mean, variance + added
+    sharper = weight + _second_difference(sharper * there)
+    return np.maximum(sharper, 0.0) * there, mean, variance + added
 
 
 def _spacing(values: FloatArray) -> FloatArray:
