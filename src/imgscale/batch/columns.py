@@ -450,7 +450,8 @@ def _solve(
     if candidates is not None:
         _finish(slab, reason, options, images, local)
     if not isinstance(chosen, slice):
-        for column, values in zip(rows, local, strict=True):
+        columns: list[Any] = list(rows)
+        for column, values in zip(columns, local, strict=True):
             column[chosen] = values
 
 

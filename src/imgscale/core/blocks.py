@@ -24,14 +24,13 @@ _WIDEN_MAD = 2.0
 _REPORT_MAD = 2.5
 # The same for estimates that reject nothing: the root of chi-square over its degrees of freedom.
 REPORT_SCATTER = 2.0
-# Steps of the secant method, after which plain re-weighting goes on; in all.
-_SECANT_STEPS, _MAX_STEPS = 40, 140
+# Steps of all images side by side; the few that need more, as many as this, go on alone.
+_SECANT_STEPS, _MAX_STEPS = 4, 200
 # Re-weighting falls short by this where the noise is Gaussian.
 _FIRST_GAIN = 1.15
-# A step by the secant is at most three times that of re-weighting, later fifty times.
-_FLATTEST = (0.3, 0.02)
-# Steps after which the few images that need more go on by themselves.
-_FEW_STEPS = 3
+# A step by the secant is at most five times that of re-weighting, later, between bounds, a hundred
+# times; where the secant leads nowhere, three steps are made in one.
+_CAREFUL, _BOLD = (0.2, 1.0), (0.01, 3.0)
 # A step this small, in standard errors of log k, is the last: the next would be its square.
 _LAST_STEP, _LAST_PLAIN_STEP = 1e-7, 1e-12
 # Blocks with fewer columns sum their labels by counting, wider ones row by row.
@@ -275,7 +274,19 @@ class _Groups:
         self._joined = [row for row in range(size - 1) if same[row].any()]
 
     def total(self, rows: FloatArray) -> FloatArray:
-        """Sum over each label, in place or not; where `reduced` is 0 stand parts of sums."""
+        """
+        Sum over each label.
+
+        Parameters
+        ----------
+        rows : (q, m) ndarray of float
+            What to sum; it may be overwritten.
+
+        Returns
+        -------
+        (q, m) ndarray of float64
+            The sums, where `reduced` is not 0; parts of sums elsewhere.
+        """
         if self.alone:
             return rows
         if self.narrow:
@@ -286,7 +297,19 @@ class _Groups:
         return rows
 
     def spread(self, totals: FloatArray) -> FloatArray:
-        """Tell every reference what stands at its label's total, and is 0 elsewhere."""
+        """
+        Tell every reference what stands at its label's total.
+
+        Parameters
+        ----------
+        totals : (q, m) ndarray of float
+            What to tell, 0 where no total stands; it may be overwritten.
+
+        Returns
+        -------
+        (q, m) ndarray of float64
+            One value for each reference.
+        """
         if self.alone:
             return totals
         if self.narrow:
@@ -295,6 +318,23 @@ class _Groups:
         for row in reversed(self._joined):
             totals[row] += self._same[row] * totals[row + 1]
         return totals
+
+
+def _next_step(
+    step: FloatArray,
+    before: FloatArray,
+    gradient: FloatArray,
+    curvature: FloatArray,
+    flattest: float,
+    gain: float,
+) -> tuple[FloatArray, BoolArray]:
+    """Step by the secant or, where that is too flat, by re-weighting; and whether it is the last."""
+    change = (before - gradient) * step
+    sound = change > flattest * curvature * step**2
+    plain = gain * gradient / curvature
+    new = np.where(sound, gradient / np.where(sound, change, 1.0) * step**2, plain)
+    limit = np.where(sound, _LAST_STEP, _LAST_PLAIN_STEP)
+    return new, np.abs(new) * np.sqrt(curvature) <= limit
 
 
 class _Ascent:
@@ -306,29 +346,53 @@ class _Ascent:
         self.cut = 1 / (TUKEY_C**2 * total)
         self._residual, self._weight, self._reduced = (np.empty_like(total) for _ in range(3))
 
-    def climb(self, log_k: FloatArray, first: int = 0) -> FloatArray:
-        """Follow the gradient to where it vanishes; `first` steps have been made."""
+    def climb(self, start: FloatArray) -> FloatArray:
+        """
+        Follow the gradient to where it vanishes; the few images that need more steps alone.
+
+        Parameters
+        ----------
+        start : (m,) ndarray of float
+            Log k to start at.
+
+        Returns
+        -------
+        (m,) ndarray of float64
+            Log k.
+        """
+        log_k, is_last = start, np.zeros(start.shape, dtype=np.bool_)
         gradient, curvature = self._slope(log_k)
         step = _FIRST_GAIN * gradient / curvature
-        for number in range(first, _MAX_STEPS):
+        for _ in range(_SECANT_STEPS):
             log_k = log_k + step
             before = gradient
             gradient, curvature = self._slope(log_k)
-            plain = gradient / curvature
-            change = (before - gradient) * step
-            # a secant that is flat leads far, which is safe near the end alone
-            flattest = _FLATTEST[number >= _FEW_STEPS] * curvature * step**2
-            sound = change > flattest if number < _SECANT_STEPS else np.zeros_like(change, bool)
-            step = np.where(sound, gradient / np.where(sound, change, 1.0) * step**2, plain)
-            limit = np.where(sound, _LAST_STEP, _LAST_PLAIN_STEP)
-            on_way = np.abs(step) * np.sqrt(curvature) > limit
-            left = np.count_nonzero(on_way)
-            if not left:
+            step, is_last = _next_step(step, before, gradient, curvature, *_CAREFUL)
+            if is_last.all():
+                return log_k + step
+        rest = np.flatnonzero(~is_last)
+        log_k = log_k + step
+        log_k[rest] = self._columns(rest)._enclose(log_k[rest], step[rest], gradient[rest])
+        return log_k
+
+    def _enclose(self, log_k: FloatArray, step: FloatArray, before: FloatArray) -> FloatArray:
+        """Go on between the last places where the gradient led upwards and downwards."""
+        lower = np.where(before > 0, log_k - step, -np.inf)
+        upper = np.where(before < 0, log_k - step, np.inf)
+        for _ in range(_MAX_STEPS):
+            gradient, curvature = self._slope(log_k)
+            lower = np.where(gradient > 0, log_k, lower)
+            upper = np.where(gradient < 0, log_k, upper)
+            step, is_last = _next_step(step, before, gradient, curvature, *_BOLD)
+            inside = (log_k + step > lower) & (log_k + step < upper)
+            step = np.where(inside | is_last, step, (lower + upper) / 2 - log_k)
+            if is_last.all():
                 break
-            if number >= _FEW_STEPS and 4 * left < on_way.size:
-                rest = np.flatnonzero(on_way)
-                log_k = log_k + step
-                log_k[rest] = self._columns(rest).climb(log_k[rest], number)
+            log_k, before = log_k + step, gradient
+            if 4 * np.count_nonzero(~is_last) < is_last.size:
+                rest = np.flatnonzero(~is_last)
+                part = self._columns(rest)
+                log_k[rest] = part._enclose(log_k[rest], step[rest], gradient[rest])
                 return log_k
         return log_k + step
 

@@ -183,10 +183,10 @@ def _quantiles(
     if unknown.any() or not total.min(initial=1.0) > _NEGLIGIBLE:
         known: BoolArray = np.where(unknown, 0.0, weight).sum(axis=1) > _NEGLIGIBLE
         known &= ~(np.where(unknown, weight, 0.0).sum(axis=1) > _NEGLIGIBLE)
-        columns = (np.where(unknown, 0.0, part)[known] for part in (weight, mean, variance))
+        parts = [np.where(unknown, 0.0, part)[known] for part in (weight, mean, variance)]
         found = np.full((len(weight), scores.size), np.nan)
         if known.any():
-            found[known] = _quantiles(*columns, scores)
+            found[known] = _quantiles(parts[0], parts[1], parts[2], scores)
         return found
     std = np.maximum(np.sqrt(variance), _SAFE * (1 + np.abs(mean)))
     found = _of_mixed(weight, mean, std, total, scores)
@@ -221,12 +221,13 @@ def _of_many(
     rows = np.flatnonzero(count <= _MANY)
     if rows.size:
         width = int(count[rows].max())
-        columns = (part[rows, -width:] for part in (weight, mean, std))
-        found[rows] = _in_blocks(*columns, scores)
+        parts = [part[rows, -width:] for part in (weight, mean, std)]
+        found[rows] = _in_blocks(parts[0], parts[1], parts[2], scores)
     for row in np.flatnonzero(count > _MANY).tolist():
         kept = slice(-int(count[row]), None)
         merged = _merged(weight[row, kept], mean[row, kept], std[row, kept])
-        found[row] = _in_blocks(*(part[None] for part in merged), scores)[0]
+        few, middle, width_of = (part[None] for part in merged)
+        found[row] = _in_blocks(few, middle, width_of, scores)[0]
     return found
 
 
@@ -306,9 +307,7 @@ def _bracket(
     return np.where(nothing[:, :, None], np.inf, ends).min(axis=1), high
 
 
-def _start(
-    weight: FloatArray, mean: FloatArray, std: FloatArray, wanted: FloatArray
-) -> FloatArray:
+def _start(weight: FloatArray, mean: FloatArray, std: FloatArray, wanted: FloatArray) -> FloatArray:
     """Quantiles, roughly: those of the components' atoms."""
     from scipy import special  # noqa: PLC0415 - tens of milliseconds of import
 
