@@ -328,7 +328,7 @@ def _next_step(
     flattest: float,
     gain: float,
 ) -> tuple[FloatArray, BoolArray]:
-    """Step by the secant or, where that is too flat, by re-weighting; and whether it is the last."""
+    """Step by the secant or, where that is too flat, by re-weighting; and if it is the last."""
     change = (before - gradient) * step
     sound = change > flattest * curvature * step**2
     plain = gain * gradient / curvature
@@ -372,11 +372,25 @@ class _Ascent:
                 return log_k + step
         rest = np.flatnonzero(~is_last)
         log_k = log_k + step
-        log_k[rest] = self._columns(rest)._enclose(log_k[rest], step[rest], gradient[rest])
+        log_k[rest] = self._columns(rest).enclose(log_k[rest], step[rest], gradient[rest])
         return log_k
 
-    def _enclose(self, log_k: FloatArray, step: FloatArray, before: FloatArray) -> FloatArray:
-        """Go on between the last places where the gradient led upwards and downwards."""
+    def enclose(self, log_k: FloatArray, step: FloatArray, before: FloatArray) -> FloatArray:
+        """
+        Go on between the last places where the gradient led upwards and downwards.
+
+        Parameters
+        ----------
+        log_k : (m,) ndarray of float
+            Where the last step led.
+        step, before : (m,) ndarray of float
+            That step, and the gradient before it.
+
+        Returns
+        -------
+        (m,) ndarray of float64
+            Log k.
+        """
         lower = np.where(before > 0, log_k - step, -np.inf)
         upper = np.where(before < 0, log_k - step, np.inf)
         for _ in range(_MAX_STEPS):
@@ -392,7 +406,7 @@ class _Ascent:
             if 4 * np.count_nonzero(~is_last) < is_last.size:
                 rest = np.flatnonzero(~is_last)
                 part = self._columns(rest)
-                log_k[rest] = part._enclose(log_k[rest], step[rest], gradient[rest])
+                log_k[rest] = part.enclose(log_k[rest], step[rest], gradient[rest])
                 return log_k
         return log_k + step
 
