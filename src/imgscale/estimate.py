@@ -89,12 +89,7 @@ class SizeEstimate:
         >>> [round(end, 2) for end in estimate.interval(0.9)]
         [1.4, 1.6]
         """
-        if self.quantiles_m is None:
-            return log_interval(self.size_m, self.std_m, level)
-        if math.isnan(self.size_m):
-            return (math.nan, math.nan)
-        low, high = (quantile(self.quantiles_m, score) for score in central_scores(level))
-        return (min(low, self.size_m), max(high, self.size_m))
+        return interval_of(self.size_m, self.std_m, self.quantiles_m, level)
 
     def __str__(self) -> str:
         words = ", ".join(flag_names(self.flags))
@@ -294,6 +289,42 @@ def quantile_columns(quantiles_m: FloatArray, score: float) -> tuple[FloatArray,
         between = np.where(low == 0, high if place == index + 1 else low, between)
         ends.append(np.where(np.isposinf(high), low if place == index else high, between))
     return ends[0], ends[1]
+
+
+def interval_of(
+    value: float, std: float, quantiles: Sequence[float] | None, level: float
+) -> tuple[float, float]:
+    """
+    Compute the central interval of a quantity.
+
+    Parameters
+    ----------
+    value : float
+        Its value, which the interval holds.
+    std : float
+        Its standard error.
+    quantiles : sequence of float or None
+        Its quantiles at equally spaced standard scores; None where its logarithm is normal.
+    level : float
+        Probability that the interval holds the truth, above 0 and below 1.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper end; NaN where the value is NaN.
+
+    Raises
+    ------
+    ValueError
+        If the level is no probability.
+    """
+    if quantiles is None:
+        return log_interval(value, std, level)
+    scores = central_scores(level)
+    if math.isnan(value):
+        return (math.nan, math.nan)
+    low, high = (quantile(quantiles, score) for score in scores)
+    return (min(low, value), max(high, value))
 
 
 def log_interval(value: float, std: float, level: float) -> tuple[float, float]:

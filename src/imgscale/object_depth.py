@@ -134,8 +134,8 @@ def _origin(depth: DepthMap) -> float:
     """Where a shift is unknown, take the farthest pixel for ten times as far as the nearest."""
     if not LAWS[depth.kind].has_shift:
         return 0.0
-    seen = depth.values[np.isfinite(depth.values)].astype(np.float64)
-    return float(seen.min() - (np.ptp(seen) / 9 or 1.0)) if seen.size else 0.0
+    low, high = depth.valid_range
+    return low - ((high - low) / 9 or 1.0)
 
 
 def _sample(detection: Detection, depth: DepthMap, origin: float) -> DepthSample:

@@ -9,7 +9,7 @@ import attrs
 
 from imgscale._checks import nan_as_none
 from imgscale._format import with_error
-from imgscale.estimate import central_scores, log_interval, quantile
+from imgscale.estimate import interval_of
 from imgscale.flags import Flag, flag_names
 
 __all__ = ["Extent", "Quantity"]
@@ -71,13 +71,7 @@ class Quantity:
         >>> [round(end, 2) for end in table.interval(0.9)]
         [1.4, 1.6]
         """
-        if self.quantiles is None:
-            return log_interval(self.value, self.std, level)
-        scores = central_scores(level)
-        if math.isnan(self.value):
-            return (math.nan, math.nan)
-        low, high = (quantile(self.quantiles, score) for score in scores)
-        return (min(low, self.value), max(high, self.value))
+        return interval_of(self.value, self.std, self.quantiles, level)
 
     def __str__(self) -> str:
         words = ", ".join(flag_names(self.flags))

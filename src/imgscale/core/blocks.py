@@ -320,6 +320,12 @@ class _Groups:
         return totals
 
 
+def _middle(lower: FloatArray, upper: FloatArray, other: FloatArray) -> FloatArray:
+    """Middle of bounds; where one of them is not known, another value."""
+    known = np.isfinite(lower) & np.isfinite(upper)
+    return np.where(known, np.where(known, lower, 0.0) / 2 + np.where(known, upper, 0.0) / 2, other)
+
+
 def _next_step(
     step: FloatArray,
     before: FloatArray,
@@ -398,8 +404,10 @@ class _Ascent:
             lower = np.where(gradient > 0, log_k, lower)
             upper = np.where(gradient < 0, log_k, upper)
             step, is_last = _next_step(step, before, gradient, curvature, *_BOLD)
-            inside = (log_k + step > lower) & (log_k + step < upper)
-            step = np.where(inside | is_last, step, (lower + upper) / 2 - log_k)
+            new = log_k + step
+            outside = ((new < lower) | (new > upper)) & ~is_last
+            if outside.any():
+                step = np.where(outside, _middle(lower, upper, new) - log_k, step)
             if is_last.all():
                 break
             log_k, before = log_k + step, gradient
