@@ -33,7 +33,7 @@ _MASS: FloatArray = np.concatenate([_TAIL, _HALVES]) + _AFTER
 # of the two is rounded, and no row depends on its place.
 _ROW, _LATTICE = 32.0, 2.0**20
 # One more step, which cubes the error, is enough for scores that are off by less.
-_CLOSE = 5e-3
+_CLOSE = 1e-3
 _EXACT, _ROUNDING = 1e-9, 1e-15
 # Those that need more than two steps take no more than these, which halve their bracket at least.
 _AT_MOST = 100
@@ -143,10 +143,11 @@ def _merged(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Merge components that are nearly the same, keeping mean and variance."""
     weight, mean, std = (column[weight > 0] for column in (weight, mean, std))
-    # counted from the ends, and from no round number, so that shifted mixtures merge alike
+    # counted from the middle, so that neither shifts nor the lightest components matter
+    centre = (weight * mean).sum() / weight.sum()
     size = np.floor(np.log(std / std.max()) / _SAME_LOG_STD + _OFF)
     width = _SAME_MEAN * std.max() * np.exp(size * _SAME_LOG_STD)
-    place = np.floor((mean - mean.min()) / width + _OFF)
+    place = np.floor((mean - centre) / width + _OFF)
     order = np.lexsort((place, size))
     new = (np.diff(size[order], prepend=np.nan) != 0) | (np.diff(place[order], prepend=np.nan) != 0)
     starts = np.flatnonzero(new)
@@ -236,7 +237,8 @@ def _heaviest(
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """Leave the lightest components out: how many are left, at the end of each row."""
     row = np.arange(len(weight))[:, None]
-    order = np.argsort(weight, axis=1, kind="stable")
+    # single precision, so that rounding does not decide between equals
+    order = np.argsort(weight.astype(np.float32), axis=1, kind="stable")
     weight = weight[row, order]
     upto = np.cumsum(weight, axis=1)
     heavy = upto > _NEGLIGIBLE

@@ -419,25 +419,27 @@ def _blended(
     """
     if mean.shape[-1] == 1:
         return weight, mean, variance
-    spacing = _spacing(mean) ** 2
+    there = weight > 0  # what fills the rows of shorter grids counts for nothing
+    spacing = _spacing(mean, there) ** 2
     added = np.maximum(_BLEND * spacing - variance, 0.0)
     if not added.any():
         return weight, mean, variance
     t = added / np.maximum(spacing, _LEAST)
-    there = weight > 0  # nothing leaks into what fills the rows of shorter grids
     sharper = _second_difference((t / 24 + t**2 / 8) * weight)
     sharper -= t * weight / 2
     sharper = weight + _second_difference(sharper * there)
     return np.maximum(sharper, 0.0) * there, mean, variance + added
 
 
-def _spacing(values: FloatArray) -> FloatArray:
-    """Half the distance between the two neighbours, or the distance to the only one."""
-    spacing = np.empty_like(values)
-    np.subtract(values[..., 2:], values[..., :-2], out=spacing[..., 1:-1])
-    spacing[..., 1:-1] /= 2
-    spacing[..., 0] = values[..., 1] - values[..., 0]
-    spacing[..., -1] = values[..., -1] - values[..., -2]
+def _spacing(values: FloatArray, there: BoolArray) -> FloatArray:
+    """Mean distance to those of the two neighbours that are there; 0 without any."""
+    near: BoolArray = there[..., 1:] & there[..., :-1]
+    step = np.where(near, np.diff(values), 0.0)
+    spacing = np.zeros_like(values)
+    spacing[..., 1:] = step
+    spacing[..., :-1] += step
+    both = near[..., 1:] & near[..., :-1]
+    spacing[..., 1:-1] /= np.where(both, 2.0, 1.0)
     return spacing
 
 

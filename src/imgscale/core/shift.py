@@ -180,6 +180,7 @@ def _newton(
     """Improve log c together with log k by re-weighted Gauss-Newton steps; and its error."""
     noise, std = _FIRST_NOISE, np.ones_like(log_c)
     log_k: FloatArray | None = None
+    moves = np.ones(log_c.size, dtype=np.bool_)
     for _ in range(_STEPS):
         shift = scale.shift(log_c)
         obs = observe_under(witnesses, middle_case(shift[None], unknown_noise=unknown_noise))
@@ -188,12 +189,16 @@ def _newton(
         # d y / d log c = c / (D + b)
         slope = np.exp(log_c)[obs.image] * scale.spread[obs.image]
         slope /= witnesses.inverse_depth + shift[obs.image]
-        step_k, step_c, std = _step(obs, log_k, slope, log_c, shift, scale)
-        log_k = log_k + step_k
-        log_c = np.clip(log_c + step_c, scale.low, scale.high)
+        step_k, step_c, own_std = _step(obs, log_k, slope, log_c, shift, scale)
+        # an image that has arrived stays, however long the others take
+        std = np.where(moves, own_std, std)
+        log_k = np.where(moves, log_k + step_k, log_k)
+        log_c = np.where(moves, np.clip(log_c + step_c, scale.low, scale.high), log_c)
         noise *= _COOLING
-        if noise < _CONVERGED and np.all(np.abs(step_c) < _CONVERGED):
-            break
+        if noise < _CONVERGED:
+            moves &= np.abs(step_c) >= _CONVERGED
+            if not moves.any():
+                break
     return log_c, std
 
 
