@@ -466,7 +466,7 @@ def plain_of(result):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "argument"), ARGUMENTS, ids=IDS)
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(derandomize=True, max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_hostile_argument_gives_a_result_or_the_packages_own_error(name, argument, data):
     outcome(name, argument, data.draw(HOSTILE))
