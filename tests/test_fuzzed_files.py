@@ -66,7 +66,8 @@ def photo(form):
 
     exif = Image.Exif()
     exif[ExifTags.Base.Orientation] = 6
-    exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 28}
+    if form == "JPEG":
+        exif[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 28}
     file = io.BytesIO()
     pixels = np.random.default_rng(1).integers(0, 256, (6, 8, 3), dtype=np.uint8)
     Image.fromarray(pixels).save(file, form, exif=exif)
