@@ -7,7 +7,6 @@ result is on disk as soon as it is there, and a run that was cut short goes on w
 """
 
 import csv
-import os
 import tempfile
 from pathlib import Path
 
@@ -40,8 +39,7 @@ paths[2].write_bytes(paths[2].read_bytes()[:5000])  # the copying of this one wa
 record, ground = Path(folder.name, "record.jsonl"), OnGround(camera_height_m=1.6)
 for run in (paths[:4], paths):
     for done in ims.measure_many(run, detector=boxes, depth_source=ground, record=record):
-        outcome = str(done.error or "measured").replace(f"{Path(done.path).parent}{os.sep}", "")
-        print(f"{Path(done.path).name}: {outcome}")
+        print(f"{Path(done.path).name}: {str(done.error or 'measured').rpartition(': ')[2]}")
 
 # %%
 # The record as one table, for pandas or a spreadsheet, and the statues in it beside their truth.

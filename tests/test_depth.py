@@ -232,7 +232,7 @@ def test_ragged_lists_are_refused_by_name(build):
     ],
 )
 def test_unlawful_image_size_is_refused(build, size):
-    law = r"`image_size` must be \(width, height\), two positive whole numbers of pixels; got "
+    law = r"`image_size` must be \(width, height\), two positive whole numbers of pixels, at most 1e9; got "
     with pytest.raises(ValueError, match=law + re.escape(repr(size))):
         build(size)
 

@@ -155,6 +155,13 @@ def test_a_name_that_no_system_has_is_a_file_error(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", READERS)
+def test_a_name_longer_than_the_system_takes_is_a_short_file_error(tmp_path, name):
+    with pytest.raises(ims.FileError, match="name too long") as refused:
+        READERS[name](tmp_path / ("a" * 5000 + name))
+    assert len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize("name", READERS)
 @pytest.mark.parametrize("content", [b"\x80 nothing \x7f" * 50, b"\xff\xfe\0\0", b"\0" * 999])
 def test_bytes_that_mean_nothing_are_refused_by_name(tmp_path, name, content):
     with pytest.raises(ims.FileError, match=name) as caught:

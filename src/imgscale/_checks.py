@@ -17,6 +17,7 @@ from imgscale._typing import AnyFloatArray, ImageSize
 T = TypeVar("T")
 
 _LEAST, _MOST = 1e-100, 1e100  # of a number whose square is taken: it must be a number, too
+_MOST_PIXELS = 10**9  # of a side: products of sides are exact, and floats
 _LONGEST_TEXT = 1000  # characters of a label: no detector's name is so long, a broken file's may be
 
 
@@ -184,14 +185,14 @@ def as_image_size(value: Sequence[int] | None, name: str = "image_size") -> Imag
         width, height = value
         real = _is_real(width) and _is_real(height)
         size = (int(width), int(height)) if real else (0, 0)
-        lawful = size == (width, height) and min(size) > 0
+        lawful = size == (width, height) and 0 < min(size) <= max(size) <= _MOST_PIXELS
     except (TypeError, ValueError, OverflowError):
         lawful = False
         size = (0, 0)
     if not lawful:
         msg = (
-            f"`{name}` must be (width, height), two positive whole numbers of pixels; "
-            f"got {quoted(value)}."
+            f"`{name}` must be (width, height), two positive whole numbers of pixels, "
+            f"at most 1e9; got {quoted(value)}."
         )
         raise ValueError(msg)
     return size

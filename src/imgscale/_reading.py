@@ -109,12 +109,19 @@ def open_file(path: str | PathLike[str]) -> BinaryIO:
     Raises
     ------
     FileError
-        If it is a folder, a pipe or a device: those have no end, or wait for one.
+        If it is a folder, a pipe or a device: those have no end, or wait for one; if its name is
+        none, or longer than the system takes.
     OSError
         If there is no such file, or it may not be read.
     """
     with in_file(ascii(path)):  # what no system takes for a name, such as one with a NUL
-        kind = stat.S_IFMT(os.stat(path).st_mode)  # noqa: PTH116 - not of an integer
+        try:
+            kind = stat.S_IFMT(os.stat(path).st_mode)  # noqa: PTH116 - not of an integer
+        except OSError as error:
+            if error.errno != errno.ENAMETOOLONG:
+                raise
+            msg = f"{quoted(str(path))} cannot be a file: {error.strerror}."
+            raise FileError(msg) from error
     if kind != stat.S_IFREG:
         msg = f"{path} must be a regular file; got {_KINDS.get(kind, 'a device')}."
         raise FileError(msg)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from sys import float_info
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -14,6 +15,7 @@ from imgscale._checks import (
     as_optional_float,
     check_choice,
     check_type,
+    is_between,
     number_error,
 )
 from imgscale._depth_values import (
@@ -342,9 +344,9 @@ def _options(
     check_choice("method", method, METHODS)
     check_type("noise", noise, Noise)
     told = as_optional_float(depth_rel_std)
-    if told is not None and not 0 <= told <= _MOST:
-        name = "depth_rel_std"
-        raise number_error(name, "between 0 and 1e100", told)
+    if told is not None and not is_between(told, 0, _MOST):
+        name, lawful = "depth_rel_std", is_between(told, 0, float_info.max)
+        raise number_error(name, "at most 1e100" if lawful else "finite and not negative", told)
     table = PriorTable.default() if priors is None else priors
     check_type("priors", table, PriorTable, " Wrap rows as PriorTable([...]).")
     law, unknown_noise = LAWS[kind], told is None and noise.depth_rel is None
