@@ -5,7 +5,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.special import ndtr
@@ -124,47 +124,51 @@ def test_a_factor_of_all_depths_goes_into_k_and_leaves_sizes(kind, method, noise
     assert reasons(b) == reasons(a)
 
 
+def standing(seed):
+    """Detections whose boxes all lie in the picture of `on_plane`."""
+    detections, z = scene(seed, outliers=0.0)
+    inside = [one for one in detections if one.xyxy[1] >= 0 and one.xyxy[3] <= 1600]
+    assume(any(one.label in LABELS for one in inside))
+    return inside, z
+
+
 def on_plane(c=1.0):
     return ims.GroundPlane(
         image_size=(1280, 1600), camera_height_m=1.5 * c, camera_height_std_m=0.3 * c
     )
 
 
-# The plane's grid is laid about a maximum that an iteration finds to some 1e-7 of a width, so k
-# moves by up to 3e-7. Which of its points count is decided by a threshold: where one more or one
-# less does, widths move by some tenths of a per cent. No law for every seed, so these are fixed.
-PLANE_SEEDS = range(8)
-
-
-def assert_within_a_hundredth_of_the_width(found, wanted):
-    width = np.ptp(wanted, axis=1, keepdims=True)
-    assert (np.abs(found - wanted) <= 0.01 * width).all()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["robust", "posterior"])
-@pytest.mark.parametrize("seed", PLANE_SEEDS)
-def test_on_a_plane_priors_and_camera_height_scale_together(method, seed):
-    detections, _ = scene(seed, outliers=0.0)
-    c = 0.03 * 3.0**seed
+@settings(max_examples=5, deadline=None)
+@given(seed=SEEDS, c=FACTORS)
+def test_on_a_plane_priors_and_camera_height_scale_together(method, seed, c):
+    detections, _ = standing(seed)
     a = ims.fit(detections, on_plane(), table(), method=method, noise=NOISES["told"])
     b = ims.fit(detections, on_plane(c), table(c), method=method, noise=NOISES["told"])
-    assert b.k == pytest.approx(c * a.k, rel=1e-4)
-    assert b.horizon_px == pytest.approx(a.horizon_px, abs=1e-2)
-    assert_within_a_hundredth_of_the_width(numbers(b, detections), c * numbers(a, detections))
+    assert b.k == pytest.approx(c * a.k, rel=1e-8)
+    assert b.horizon_px == pytest.approx(a.horizon_px, abs=1e-4)
+    np.testing.assert_allclose(numbers(b, detections), c * numbers(a, detections), rtol=1e-8)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", ["robust", "posterior"])
-@pytest.mark.parametrize("seed", PLANE_SEEDS)
+@settings(max_examples=5, deadline=None)
+@given(seed=SEEDS)
 def test_on_a_plane_the_order_of_detections_is_that_of_the_results(method, seed):
-    detections, _ = scene(seed, outliers=0.0)
+    detections, _ = standing(seed)
     order = np.random.default_rng(seed).permutation(len(detections))
     turned = [detections[i] for i in order]
     a = ims.fit(detections, on_plane(), table(), method=method, noise=NOISES["told"])
     b = ims.fit(turned, on_plane(), table(), method=method, noise=NOISES["told"])
-    assert b.k == pytest.approx(a.k, rel=1e-6)
-    assert_within_a_hundredth_of_the_width(numbers(b, turned), numbers(a, detections)[order])
+    assert b.k == pytest.approx(a.k, rel=1e-8)
+    np.testing.assert_allclose(numbers(b, turned), numbers(a, detections)[order], rtol=1e-8)
+
+
+def test_on_a_plane_a_reference_above_the_horizon_takes_no_side_in_the_unit_of_length():
+    # where the horizon may be, this urn has its foot above it: it counted as a camera of 1.7 m
+    detections, _ = scene(59, outliers=0.0)
+    a = ims.fit(detections, on_plane(), table(), noise=NOISES["told"])
+    b = ims.fit(detections, on_plane(0.01), table(0.01), noise=NOISES["told"])
+    np.testing.assert_allclose(numbers(b, detections), numbers(a, detections) / 100, rtol=1e-8)
 
 
 # ------------------------------------------------------------------ order and idle objects

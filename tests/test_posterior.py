@@ -735,9 +735,12 @@ def test_points_are_as_close_as_the_sharpest_label_and_log_k_need_and_no_closer(
     of_label = std / math.sqrt(counts.max())
     of_k = 1 / math.sqrt((1 / (std**2 / counts + tau**2)).sum())
     most = min(0.4 * of_label, 0.8 * of_k)
-    # sizes are rounded up: by a point, to a multiple of 8, to one of 16 above 128
-    step = points[1] - points[0]
-    assert most * (points.size - 9) / points.size / 1.13 < step <= most * (1 + 1e-9)
+    wanted = math.ceil((points[-1] - points[0]) / most - 1e-9) + 1
+    unit = max(
+        8, 2 ** (math.floor(math.log2(wanted)) - 3)
+    )  # few sizes, that many are solved at once
+    assert points.size == math.ceil(wanted / unit) * unit
+    assert points[1] - points[0] <= most * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
@@ -838,6 +841,23 @@ def test_labels_beside_a_sharp_firm_witness_have_points_as_close_as_they_need(ta
     needed = 2 * reach.max() / (0.5 / math.sqrt(information.max()))
     own = 2 * 10 * 1e-4 / grid.step[0]
     assert piece.label.size <= 1.13 * max(needed, own) + 9
+
+
+def test_log_k_beside_vague_labels_has_points_as_close_as_its_firm_witness_needs():
+    obs = firm_beside(agreeing([1], 0.05, 0.5), -6.0, 1e-3)
+    fit = fit_grid(obs)
+    assert fit.laid[0][2].apart.all()
+    points, _ = fit.on_grid(0)
+    assert 0.3e-3 < points[1] - points[0] <= 0.4e-3 * (1 + 1e-6)
+
+
+def test_objects_see_no_more_points_than_hold_the_mass():
+    fit = fit_grid(agreeing([4], 0.0, 0.3))
+    points, log_density = fit.on_grid(0)
+    heavy = np.flatnonzero(log_density > log_density.max() - 21)
+    view = view_on_grid(fit, subjects([-1], 0.0, [-1]))
+    assert view.log_k.shape[1] == heavy[-1] - heavy[0] + 1 < points.size
+    np.testing.assert_array_equal(view.log_k[0], points[heavy[0] : heavy[-1] + 1])
 
 
 def test_points_of_a_firm_witness_apart_reach_ten_of_its_errors():
