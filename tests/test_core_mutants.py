@@ -230,3 +230,26 @@ def test_a_tiny_step_is_the_last_only_by_the_secant(falls, last):
     before = gradient + (step if falls else 0.0)
     _, is_last = _next_step(step, before, gradient, np.ones(1), 0.2, 3.0)
     assert is_last.tolist() == [last]
+
+
+def test_where_no_reference_counts_half_of_the_way_is_taken_back_and_others_go_on():
+    step, before = np.array([0.5, 0.5, -3.0]), np.array([3.0, 1.0, 0.0])
+    gradient, curvature = np.array([0.0, 4.0, 0.0]), np.array([0.0, 2.0, 0.0])
+    new, is_last = _next_step(step, before, gradient, curvature, 0.2, 3.0)
+    assert new.tolist() == [-0.25, 6, 1.5]
+    assert not is_last.any()
+    # a step that is tiny and the last stays so beside one that is not
+    tiny, curvature = np.array([1e-4, 0.5]), np.array([1.0, 0.0])
+    _, is_last = _next_step(tiny, tiny + 1e-9, np.array([1e-9, 0.0]), curvature, 0.2, 3.0)
+    assert is_last.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("step", "last"), [(0.9e-8, True), (1.1e-8, False)])
+def test_steps_are_the_last_by_the_error_of_log_k(step, last):
+    # its curvature is 100: the error is a tenth, and a step of 1e-7 of that is the last
+    new, is_last = _next_step(
+        np.array([1e-4]), np.array([100 * (1e-4 + step)]), np.array([100 * step]),
+        np.array([100.0]), 0.2, 3.0,
+    )  # fmt: skip
+    assert new == pytest.approx(step)
+    assert is_last.tolist() == [last]
