@@ -15,6 +15,7 @@ from imgscale import Flag
 from imgscale._typing import FitMethod
 from imgscale.batch import fit_arrow, fit_columns, fit_table
 
+pytestmark = pytest.mark.slow
 FOCAL = 1000.0
 # mean in metres, spread, error of the mean, share
 LABELS = {
@@ -32,7 +33,7 @@ UNSHIFTED = ["metric", "relative", "inverse"]
 CASES = [
     *((kind, method) for kind in UNSHIFTED for method in get_args(FitMethod)),
     ("affine_inverse", "robust"),
-    pytest.param("affine_inverse", "posterior", marks=pytest.mark.slow),
+    ("affine_inverse", "posterior"),
 ]
 NOISES = {"told": ims.Noise(depth_rel=0.05), "learned": ims.Noise()}
 SEEDS = st.integers(0, 2**32 - 1)
