@@ -39,7 +39,7 @@ paths[2].write_bytes(paths[2].read_bytes()[:5000])  # the copying of this one wa
 record, ground = Path(folder.name, "record.jsonl"), OnGround(camera_height_m=1.6)
 for run in (paths[:4], paths):
     for done in ims.measure_many(run, detector=boxes, depth_source=ground, record=record):
-        print(f"{Path(done.path).name}: {done.error or 'measured'}")
+        print(f"{Path(done.path).name}: {str(done.error or 'measured').rpartition(': ')[2]}")
 
 # %%
 # The record as one table, for pandas or a spreadsheet, and the statues in it beside their truth.

@@ -268,6 +268,8 @@ def test_no_reference_anywhere_gives_no_scale(method):
         ({"level": 1.0}, ValueError, "`level`"),
         ({"noise": 0.1}, TypeError, "`noise`"),
         ({"depth_rel_std": -0.1}, ValueError, "`depth_rel_std` must be finite and not negative"),
+        ({"depth_rel_std": 1 + 0j}, TypeError, "`depth_rel_std` must be finite and not negative"),
+        ({"depth_rel_std": 1e200}, ValueError, "`depth_rel_std` must be at most 1e100"),
         ({"priors": [("car", 1.5)]}, TypeError, "PriorTable"),
     ],
 )  # fmt: skip

@@ -164,6 +164,8 @@ def benchmark(monkeypatch):
 def test_every_benchmark_can_be_imported(path, benchmark):
     if path.stem == "speed_numba":
         pytest.importorskip("numba", reason="a yardstick of the bench group")
+    if path.stem == "fuzz":
+        pytest.importorskip("atheris", reason="built for few Python versions")
     benchmark(path.stem)
 
 

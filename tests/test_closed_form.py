@@ -136,3 +136,15 @@ def test_closed_form_errors_grow_with_the_scatter_of_the_own_k():
     spread = math.sqrt(math.log(1 + 0.1**2))
     assert k_rel_std(100) == pytest.approx(spread / math.sqrt(2), rel=1e-9)
     assert k_rel_std(200) > 2 * k_rel_std(100)
+
+
+@pytest.mark.parametrize("estimate", ESTIMATORS)
+def test_several_images_are_solved_column_by_column(estimate):
+    x = np.random.default_rng(0).uniform(1, 9, (4, 3, 2))
+    y = np.random.default_rng(1).uniform(1, 9, (4, 3, 2))
+    k, shares = estimate(x, y)
+    assert (k.shape, shares.shape) == ((3, 2), x.shape)
+    for place in np.ndindex(3, 2):
+        one_k, one_shares = estimate(x[:, *place], y[:, *place])
+        assert k[place] == pytest.approx(one_k, rel=1e-14)
+        np.testing.assert_allclose(shares[:, *place], one_shares, rtol=1e-14)

@@ -440,7 +440,7 @@ def test_errors_of_a_file_name_it(tmp_path):
 
 def test_a_results_file_that_is_no_list_is_named(tmp_path):
     path = write_json(tmp_path, "truth.json", dataset(entry()))
-    with pytest.raises(TypeError, match=r"seen\.json` must be a list; got NoneType"):
+    with pytest.raises(ValueError, match=r"seen\.json: `results` must be a list; got NoneType"):
         read_coco(path, write_json(tmp_path, "seen.json", None))
 
 

@@ -181,7 +181,7 @@ def test_a_scale_divides_floats_too(tmp_path):
 @pytest.mark.parametrize(
     ("array", "message"),
     [
-        pytest.param(np.array([[{}]], dtype=object), "cannot be read as NPY", id="pickled objects"),
+        pytest.param(np.array([[{}]], dtype=object), "got dtype object", id="pickled objects"),
         pytest.param(np.ones((1, 4, 5)), r"got shape \(1, 4, 5\)", id="three axes"),
         pytest.param(np.ones(4), r"got shape \(4,\)", id="one axis"),
         pytest.param(np.ones((0, 4)), r"got shape \(0, 4\)", id="no row"),
@@ -277,9 +277,11 @@ def test_middleburys_disparity_lies_in_the_range_of_its_calibration():
     ("content", "message"),
     [
         pytest.param(pfm(FLOATS)[:-1], "4 x 3 values must take 48 bytes; got 47", id="cut"),
-        pytest.param(pfm(FLOATS) + b"\n", "must take 48 bytes; got 49", id="too long"),
+        pytest.param(pfm(FLOATS) + b"\n", "must take 48 bytes; got more than 48", id="too long"),
         pytest.param(b"P5\n4 3\n255\n" + bytes(12), "must begin with Pf", id="PGM"),
-        pytest.param(b"Pf\n4 3\nlittle\n" + bytes(48), "could not convert", id="no scale"),
+        pytest.param(
+            b"Pf\n4 3\nlittle\n" + bytes(48), "must be a number .* got little", id="no scale"
+        ),
         pytest.param(pfm(FLOATS, scale=0.0), "must not be 0; got -0.0", id="scale 0"),
         pytest.param(pfm(FLOATS, scale=np.nan), "must not be 0; got nan", id="scale NaN"),
         pytest.param(b"", "must begin with Pf", id="empty"),
@@ -402,7 +404,7 @@ def test_the_kind_is_always_said(tmp_path):
 )
 def test_what_a_map_refuses_is_refused_by_file(options, message, tmp_path):
     path = saved(tmp_path, "depth.npy", FLOATS)
-    with pytest.raises(ValueError, match=rf"depth\.npy: {message}"):
+    with pytest.raises(ValueError, match=message):
         read_depth(path, **options)
 
 

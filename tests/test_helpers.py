@@ -134,9 +134,9 @@ class Numbers:
 @pytest.mark.parametrize(
     ("name", "lawful"),
     [
-        ("size", lambda value: 0 < value < math.inf),
-        ("spread", lambda value: 0 <= value < math.inf),
-        ("place", math.isfinite),
+        ("size", lambda value: 1e-100 <= value <= 1e100),
+        ("spread", lambda value: 0 <= value <= 1e100),
+        ("place", lambda value: abs(value) <= 1e100),
     ],
 )
 @given(value=st.floats())
@@ -148,7 +148,7 @@ def test_validators_hold_exactly_their_law(name, lawful, value):
             Numbers(**{name: value})
 
 
-@pytest.mark.parametrize("value", [5e-324, 1e308])
+@pytest.mark.parametrize("value", [1e-100, 1e100])
 def test_extremes_of_magnitude_are_lawful(value):
     assert Numbers(size=value).size == value
 
@@ -341,28 +341,20 @@ def test_hidden_package_counts_as_absent(monkeypatch):
         require("json", extra="plot", purpose="A test")
 
 
-def test_package_that_misses_another_package_raises_its_own_error(package):
-    name = package("half_installed_zq", "import another_absent_zq\n")
-    with pytest.raises(ModuleNotFoundError, match="another_absent_zq") as caught:
-        require(name, extra="plot", purpose="A test")
-    assert not isinstance(caught.value, imgscale.ImgscaleError)
-
-
-def test_package_that_misses_a_part_of_its_own_raises_its_own_error(package):
-    name = package("broken_zq", "from broken_zq import _native\nimport broken_zq._compiled\n")
-    with pytest.raises(ImportError, match="_native") as caught:
-        require(name, extra="plot", purpose="A test")
-    assert not isinstance(caught.value, imgscale.ImgscaleError)
-    name = package("torn_zq", "import torn_zq._compiled\n")
-    with pytest.raises(ModuleNotFoundError, match=r"torn_zq\._compiled") as caught:
-        require(name, extra="plot", purpose="A test")
-    assert not isinstance(caught.value, imgscale.ImgscaleError)
-
-
-def test_package_that_fails_while_it_is_imported_raises_its_own_error(package):
-    name = package("failing_zq", "raise OSError('cannot open shared object file')\n")
-    with pytest.raises(OSError, match="cannot open shared object file"):
-        require(name, extra="plot", purpose="A test")
+@pytest.mark.parametrize(
+    ("name", "code", "cause"),
+    [
+        ("half_installed_zq", "import another_absent_zq", "ModuleNotFoundError.*another_absent_zq"),
+        ("broken_zq", "from broken_zq import _native", "ImportError.*_native"),
+        ("torn_zq", "import torn_zq._compiled", r"ModuleNotFoundError.*torn_zq\._compiled"),
+        ("failing_zq", "raise OSError('no shared object file')", "OSError: no shared object file"),
+    ],
+)
+def test_a_package_that_is_there_but_broken_is_not_called_absent(package, name, code, cause):
+    law = rf"'{name}', which is there but cannot be imported \({cause}.*--force-reinstall 'imgscale"
+    with pytest.raises(imgscale.MissingDependencyError, match=law) as caught:
+        require(package(name, code), extra="plot", purpose="A test")
+    assert caught.value.__cause__ is not None
 
 
 # --- exceptions ---

@@ -95,7 +95,7 @@ def test_bad_pictures_do_not_stop_the_others(tmp_path):
     missing = tmp_path / "missing.png"
     outcomes = run([*paths, missing], Counting(2))
     assert [type(outcome.error).__name__ for outcome in outcomes] == [
-        "UnidentifiedImageError",
+        "FileError",
         "NoneType",
         "RuntimeError",
         "NoneType",

@@ -1,6 +1,7 @@
 """The posterior on a grid against brute-force quadrature of the model as it is written down."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -695,3 +696,234 @@ def test_two_firm_witnesses_that_contradict_each_other_are_averaged():
     summary, _ = believe(obs, fit_grid(obs))
     assert summary.log_k[0] == pytest.approx(-5.985, abs=1e-9)
     assert summary.log_std[0] == pytest.approx(1e-3 / math.sqrt(2), rel=1e-6)
+
+
+# --- where the points are ----------------------------------------------------------------------
+
+# Labels, their offsets (one spread for all), and the error of every reference.
+SCENES = [
+    ([1], 0.0, 0.1),
+    ([2], 0.0, 0.1),
+    ([4], 0.3, 0.1),
+    ([3, 1], 0.02, 0.1),
+    ([1, 1, 1], 0.1, 0.1),
+    ([2, 5], 0.1, 0.03),
+    ([1] * 20, 0.02, 0.1),
+    ([30], 0.02, 0.15),
+]
+
+
+def agreeing(labels, tau, std, place=-6.0):
+    """References of some labels that all see the same."""
+    group = np.repeat(np.arange(len(labels)), labels)
+    return observations([[(1, place, std)]] * group.size, [tau] * len(labels), group)
+
+
+def firm_beside(obs, place, std):
+    """The same references beside a firm witness."""
+    parts = [[(1, mean, math.sqrt(var))] for mean, var in zip(obs.y, obs.variance, strict=True)]
+    tau = [*obs.of_groups()[1], 0.0]
+    group = [*obs.group, len(tau) - 1]
+    firm = [False] * obs.y.size + [True]
+    return observations([*parts, [(1, place, std)]], tau, group, firm=firm)
+
+
+@pytest.mark.parametrize(("labels", "tau", "std"), SCENES)
+def test_points_are_as_close_as_the_sharpest_label_and_log_k_need_and_no_closer(labels, tau, std):
+    points, _ = fit_grid(agreeing(labels, tau, std)).on_grid(0)
+    counts = np.array(labels)
+    of_label = std / math.sqrt(counts.max())
+    of_k = 1 / math.sqrt((1 / (std**2 / counts + tau**2)).sum())
+    most = min(0.4 * of_label, 0.8 * of_k)
+    wanted = math.ceil((points[-1] - points[0]) / most - 1e-9) + 1
+    unit = max(
+        8, 2 ** (math.floor(math.log2(wanted)) - 3)
+    )  # few sizes, that many are solved at once
+    assert points.size == math.ceil(wanted / unit) * unit
+    assert points[1] - points[0] <= most * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_points_reach_five_standard_errors_and_what_outliers_need(count):
+    points, _ = fit_grid(agreeing([count], 0.0, 0.3)).on_grid(0)
+    reach = 5 * 0.3 + 3 / count
+    np.testing.assert_allclose(points[[0, -1]], [-6 - reach, -6 + reach], rtol=1e-12)
+
+
+def test_points_reach_as_far_as_the_offset_of_a_label_does():
+    obs = observations([[(1, -6.0, 0.3)], [(1, -5.0, 0.4)]], [0.4, 0.9], [0, 1])
+    points, _ = fit_grid(obs).on_grid(0)
+    reach = 5 * math.hypot(0.3, 0.4) + 3 / 2
+    np.testing.assert_allclose(points[[0, -1]], [-6 - reach, -5 + reach], rtol=1e-12)
+
+
+def test_a_firm_witness_alone_needs_no_points_for_outliers():
+    obs = observations([[(1, -6.0, 0.1)]], [0.0], [0], firm=[True])
+    points, _ = fit_grid(obs).on_grid(0)
+    np.testing.assert_allclose(points[[0, -1]], [-6.5, -5.5], rtol=1e-12)
+
+
+@pytest.mark.parametrize("place", [-9.0, -3.0])
+def test_a_firm_witness_that_no_other_reaches_keeps_its_own_place(place):
+    # the reference must be wrong; what its outliers say is nearly the same all along
+    obs = firm_beside(agreeing([1], 0.0, 0.02, -6.0), place, 0.005)
+    fit = fit_grid(obs)
+    summary, kinds = believe(obs, fit)
+    assert summary.log_k[0] == pytest.approx(place, abs=1e-4)
+    assert summary.log_std[0] == pytest.approx(0.005, rel=1e-3)
+    assert kinds[:, 0] == pytest.approx([0, 1], abs=1e-9)
+    points, log_density = fit.on_grid(0)
+    truth = Quadrature(obs, x=points)
+    np.testing.assert_allclose(
+        np.exp(log_density - log_density.max()), truth.density / truth.density.max(), atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("labels", [(30, 30), (60,), (1,) * 40, (20, 1, 1)])
+@pytest.mark.parametrize("tau", [0.0, 0.02, 0.2])
+def test_points_that_are_laid_after_a_first_look_hold_all_mass_and_little_else(seed, labels, tau):
+    fit = fit_grid(random_image(seed, labels, 1, tau, outlier=True))
+    _, log_density = fit.on_grid(0)
+    below = log_density.max() - log_density
+    # one reference left out moves an end by up to 9
+    assert min(below[0], below[-1]) > 18
+    assert (below < 27).mean() > 0.15
+
+
+def test_images_of_one_size_are_solved_together_in_pieces_of_limited_size():
+    obs = agreeing([3], 0.05, 0.1)
+    many = fit_grid(joined(*[obs] * 400))
+    numbers = [grid.size[0] * block.rows.y.size for _, block, grid in many.laid]
+    one = 3 * many.laid[0][2].size[0]  # an image is never divided
+    assert all(number <= 60_000 + one for number in numbers)
+    assert all(sum(pair) > 60_000 - one for pair in pairwise(numbers))
+    together = np.concatenate([which for which, _, _ in many.laid])
+    np.testing.assert_array_equal(together, np.arange(400))
+
+
+def test_an_image_of_more_numbers_than_a_piece_holds_is_a_piece():
+    obs = agreeing([3000], 0.0, 0.5)
+    sizes = [which.size for which, _, _ in fit_grid(joined(obs, obs)).laid]
+    assert sizes == [1, 1]
+
+
+def test_the_only_piece_is_kept_and_one_of_several_is_evaluated_anew():
+    obs = agreeing([3], 0.05, 0.1)
+    one, several = fit_grid(obs), fit_grid(joined(*[obs] * 400))
+    assert one.piece(0) is one.piece(0)
+    assert several.piece(0) is not several.piece(0)
+    kept = several.keeping()
+    assert kept.piece(1) is kept.piece(1)
+    np.testing.assert_array_equal(kept.piece(1).log_density, several.piece(1).log_density)
+
+
+# --- firm witnesses that are sharper than labels --------------------------------------------------
+
+
+def apart_labels(tau, std=0.05):
+    """Two labels, one of three references, beside a camera a thousand times sharper."""
+    group = [0, 0, 0, 1]
+    parts = [[(1, -6.0, std)], [(1, -5.95, std)], [(1, -6.02, std)], [(1, -6.1, 2 * std)]]
+    return firm_beside(observations(parts, tau, group), -6.01, 1e-4)
+
+
+@pytest.mark.parametrize("tau", [(0.03, 0.1), (0.3, 0.1), (0.2, 0.01)])
+def test_labels_beside_a_sharp_firm_witness_have_points_as_close_as_they_need(tau):
+    fit = fit_grid(apart_labels(tau))
+    (_, _, grid), piece = fit.laid[0], fit.piece(0)
+    assert grid.apart.all()
+    assert not piece.is_same
+    information = np.array([3, 1 / 4]) / 0.05**2 + 1 / np.square(tau)
+    reach = 7 * np.array(tau)
+    np.testing.assert_allclose(piece.label.step[:2], 2 * reach / (piece.label.size - 1))
+    assert piece.label.step[:2].max() <= 0.5 / math.sqrt(information.max()) * (1 + 1e-9)
+    needed = 2 * reach.max() / (0.5 / math.sqrt(information.max()))
+    own = 2 * 10 * 1e-4 / grid.step[0]
+    assert piece.label.size <= 1.13 * max(needed, own) + 9
+
+
+def test_log_k_beside_vague_labels_has_points_as_close_as_its_firm_witness_needs():
+    obs = firm_beside(agreeing([1], 0.05, 0.5), -6.0, 1e-3)
+    fit = fit_grid(obs)
+    assert fit.laid[0][2].apart.all()
+    points, _ = fit.on_grid(0)
+    assert 0.3e-3 < points[1] - points[0] <= 0.4e-3 * (1 + 1e-6)
+
+
+def test_objects_see_no_more_points_than_hold_the_mass():
+    fit = fit_grid(agreeing([4], 0.0, 0.3))
+    points, log_density = fit.on_grid(0)
+    heavy = np.flatnonzero(log_density > log_density.max() - 21)
+    view = view_on_grid(fit, subjects([-1], 0.0, [-1]))
+    assert view.log_k.shape[1] == heavy[-1] - heavy[0] + 1 < points.size
+    np.testing.assert_array_equal(view.log_k[0], points[heavy[0] : heavy[-1] + 1])
+
+
+def test_points_of_a_firm_witness_apart_reach_ten_of_its_errors():
+    points, _ = fit_grid(apart_labels((0.03, 0.1))).on_grid(0)
+    np.testing.assert_allclose(points[[0, -1]], [-6.01 - 1e-3, -6.01 + 1e-3], rtol=1e-9)
+
+
+def test_a_firm_witness_without_offsets_beside_it_stands_on_common_points():
+    obs = firm_beside(agreeing([2, 1], 0.0, 0.1), -6.0, 0.001)
+    assert not fit_grid(obs).laid[0][2].apart.any()
+
+
+def test_images_apart_and_coarse_ones_of_one_size_are_not_confused():
+    apart, coarse = apart_labels((0.05, 0.05)), agreeing([1] * 20, 0.0, 0.3)
+    grids = [fit_grid(obs).laid[0][2] for obs in (apart, coarse)]
+    assert [bool(grid.apart[0]) for grid in grids] == [True, False]
+    assert [bool(grid.coarse[0]) for grid in grids] == [False, True]
+    assert grids[0].size == grids[1].size
+    for images in ((apart, coarse), (coarse, apart)):
+        both = joined(*images)
+        alone = [believe(obs, fit_grid(obs))[0].log_std[0] for obs in images]
+        np.testing.assert_allclose(believe(both, fit_grid(both))[0].log_std, alone, rtol=1e-12)
+
+
+# --- what is told of them -------------------------------------------------------------------------
+
+
+def test_log_k_is_the_mean_of_the_kinds_of_all_references_by_the_precisions_they_kept():
+    parts = [
+        [(0.6, -6.0, 0.1), (0.4, -6.4, 0.2)],
+        [(0.5, -5.9, 0.15), (0.5, -6.3, 0.1)],
+        [(1, -5.2, 0.1)],
+    ]
+    obs = observations(parts, [0.0] * 3, [0, 1, 2])
+    truth = Quadrature(obs)
+    weight = np.array([np.pad(truth.kinds(row), (0, 2))[:2] for row in range(3)])
+    weight /= obs.kinds.variance[:, :2]
+    summary, _ = believe(obs, fit_grid(obs))
+    expected = (weight * obs.kinds.mean[:, :2]).sum() / weight.sum()
+    assert summary.log_k[0] == pytest.approx(expected, abs=1e-4)
+    np.testing.assert_allclose(summary.weight, weight.sum(axis=1), rtol=2e-3)
+
+
+def test_an_image_whose_only_reference_is_the_object_says_nothing_of_k():
+    obs = joined(agreeing([1], 0.2, 0.1), agreeing([1, 1], 0.2, 0.1))
+    view = view_on_grid(fit_grid(obs), subjects([0], 0.2, [0]))
+    assert np.isnan(view.log_k).all()
+    assert np.isnan(view.log_k_var).all()
+    np.testing.assert_array_equal(view.offset, 0)
+    np.testing.assert_array_equal(view.covariance, 0)
+    np.testing.assert_allclose(view.offset_var, 0.2**2)
+
+
+@pytest.mark.parametrize("std", [0.01, 3.0])
+def test_hundreds_of_references_neither_overflow_nor_underflow(std):
+    # their likelihoods multiply to e^700 or e^-500
+    obs = agreeing([200, 200], 0.05, std)
+    fit = fit_grid(obs)
+    _, kinds = believe(obs, fit)
+    # v is known 14 times as well as one reference tells it
+    sound = 0.95 / math.sqrt(2 * math.pi * std**2)
+    wrong = 0.02 / math.sqrt(2 * (std**2 + 0.25))
+    wrong += 0.03 * math.exp(-0.08 / (std**2 + 0.0625)) / math.sqrt(2 * math.pi * (std**2 + 0.0625))
+    np.testing.assert_allclose(kinds[:, 0], sound / (sound + wrong), rtol=0.05)
+    assert np.isfinite(log_evidence(fit)).all()
+    view = view_on_grid(fit, subjects([0, 1], 0.05, [-1, -1]))
+    moments = view_moments(view)
+    assert_moments_agree(moments, view_moments(view, 1), 1e-6)
+    assert moments[0] == pytest.approx(-6, abs=0.1 * math.sqrt(moments[1]))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from imgscale import DepthMap
-from imgscale.sampling import sample_surface
+from imgscale.sampling import map_window, sample_surface
 
 DATA = Path(os.environ.get("IMGSCALE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 FULL = (0.0, 0.0, 40.0, 40.0)  # a box over a 40 x 40 map, whose core is [10:30, 10:30]
@@ -497,3 +497,112 @@ def test_lidar_on_real_cars_lies_on_the_near_half_of_their_3d_labels():
     assert len(places) >= 10
     assert np.allclose(*np.transpose(pairs), rtol=1e-12, atol=0)
     assert all(-0.2 < place < 0.5 for place in places)
+
+
+# --- the definition, written out ---
+
+
+def written_out(values, nearness, origin):
+    """Try every window, one pixel after another."""
+    far = sorted((value for value in values), key=lambda value: -nearness * value)
+    logs = [-nearness * math.log(value - origin) for value in far]
+    inside = [sum(start <= log <= start + 0.06 for log in logs) for start in logs]
+    count = max(inside)
+    start = inside.index(count)
+    place = start + int(0.25 * (count - 1))
+    others = sum(abs(log - logs[place]) > math.log(1.1) for log in logs)
+    return far[place], np.std(logs[start : start + count]), others / len(logs) >= 0.4
+
+
+def pixels(rng, size, scatter):
+    """Depths of two or three surfaces, and some anywhere."""
+    places = rng.choice(rng.uniform(1, 20, 3), size)
+    depths = places * np.exp(rng.normal(0, scatter, size))
+    return np.where(rng.random(size) < 0.2, rng.uniform(1, 20, size), depths)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 16, 17, 31, 33, 64, 130])
+@pytest.mark.parametrize(
+    ("kind", "nearness", "origin"),
+    [
+        ("metric", -1, 0.0),
+        ("inverse", 1, 0.0),
+        ("affine_inverse", 1, -3.0),
+        ("affine_inverse", 1, 0.5),
+    ],
+)
+@pytest.mark.parametrize("scatter", [0.005, 0.02, 0.2])
+def test_the_sample_is_that_of_all_windows_tried_in_turn(size, kind, nearness, origin, scatter):
+    rng = np.random.default_rng([size, round(1000 * scatter)])
+    for _ in range(2):
+        values = pixels(rng, size, scatter)
+        found = sample_surface(
+            values[None, :],
+            (0.0, 0.0, float(size), 1.0),
+            kind=kind,
+            image_size=(size, 1),
+            nearness=nearness,
+            origin=origin,
+            mask=np.ones((1, size), dtype=np.bool_),
+        )
+        value, spread, mixed = written_out(values.tolist(), nearness, origin)
+        assert found.value == value
+        assert found.rel_std == pytest.approx(spread, abs=1e-12)
+        assert found.mixed == mixed
+
+
+@pytest.mark.parametrize("size", [5, 16, 48, 160])
+def test_of_windows_with_equally_many_pixels_the_nearest_is_taken(size):
+    depths = np.tile(2.0 * 1.2 ** np.arange(5), size)
+    found = sample_surface(
+        depths[None, :],
+        (0.0, 0.0, float(depths.size), 1.0),
+        kind="metric",
+        image_size=(depths.size, 1),
+        nearness=-1,
+        mask=np.ones((1, depths.size), dtype=np.bool_),
+    )
+    assert (found.value, found.mixed) == (2.0, True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "valid"),
+    [
+        ("metric", [2.0]),
+        ("relative", [2.0]),
+        ("inverse", [2.0]),
+        ("affine_inverse", [-5.0, 0.0, 2.0]),
+    ],
+)
+def test_only_values_that_are_depths_of_the_kind_are_seen(kind, valid):
+    values = np.array([[-5.0, 0.0, 2.0, math.inf, math.nan, -math.inf]])
+    found = sample_surface(
+        values,
+        (0.0, 0.0, 6.0, 1.0),
+        kind=kind,
+        image_size=(6, 1),
+        nearness=1,
+        origin=-6.0,
+        mask=np.ones((1, 6), dtype=np.bool_),
+    )
+    expected = written_out(valid, 1, -6.0)
+    assert found.value == expected[0]
+    assert found.mixed == expected[2]
+
+
+@pytest.mark.parametrize("away", [-30.0, -8.0, -3.0, 9.0, 12.0, 50.0])
+@pytest.mark.parametrize("side", [0.2, 1.0, 2.0, 3.0])
+def test_the_window_of_a_box_beside_the_map_is_the_nearest_pixel(away, side):
+    rows, columns = map_window((9, 9), (away, 2.0, away + side, 4.0), (9, 9))
+    assert (rows, columns) == (slice(2, 4), slice(0, 1) if away < 0 else slice(8, 9))
+
+
+@pytest.mark.parametrize("size", [17, 18, 19, 20, 33, 34, 35, 36])
+def test_one_near_pixel_leaves_the_whole_of_the_surface_behind_it(size):
+    depths = np.append(1.0, 2 * np.exp(np.linspace(0, 0.05, size - 1)))
+    box, mask = (0.0, 0.0, float(size), 1.0), np.ones((1, size), dtype=np.bool_)
+    found = sample_surface(
+        depths[None, :], box, kind="metric", image_size=(size, 1), nearness=-1, mask=mask
+    )
+    assert found.value == depths[1 + (size - 2) // 4]
+    assert found.rel_std == pytest.approx(np.std(np.log(depths[1:])), rel=1e-9)

@@ -129,7 +129,7 @@ def test_supervision_takes_the_same_box_and_nearly_the_same_pixels_from_a_polygo
         ("1 0.5 0.5 0.1", r"must have 5 numbers, or 6 with the confidence; got 4"),
         ("1 0.5 0.5 wide 0.1", r"must hold numbers; got '0.5 0.5 wide 0.1'"),
         ("1 320 240 64 48", r"ratios of the picture's size .*got 320\. Divide pixels"),
-        ("1 0.5 nan 0.1 0.1", r"got nan"),
+        ("1 0.5 nan 0.1 0.1", r"must hold numbers; got .*nan"),
         ("1 0.5 0.5 0.1 0.1 5", r"got 5\. .*leave out track ids"),
         ("1 0.5 0.5 0.1 0.1 1.04", r"`score` must be between 0 and 1; got 1.04"),
         ("1 0.5 0.5 0 0.1", r"positive width and height; got 0 and 0.1"),
@@ -190,5 +190,5 @@ def test_a_file_is_read_with_or_without_a_byte_order_mark(tmp_path):
 def test_errors_of_a_file_name_it(tmp_path, content):
     path = tmp_path / "a.txt"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"a\.txt: "):
+    with pytest.raises(ValueError, match=r"a\.txt"):
         read_yolo(path, image_size=SIZE, class_names=NAMES)

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, GroundPlane, ObjectDepths
 from imgscale.detection import Detection
-from imgscale.errors import DepthMismatchError, FitError, ImgscaleError, MissingDependencyError
+from imgscale.errors import (
+    DepthMismatchError,
+    FileError,
+    FitError,
+    ImgscaleError,
+    MissingDependencyError,
+)
 from imgscale.object_prior import ObjectPrior
 from imgscale.priors import PriorTable
 
@@ -42,6 +48,7 @@ __all__ = [
     "Detection",
     "Detector",
     "Explanation",
+    "FileError",
     "FitError",
     "FittedPlane",
     "Flag",

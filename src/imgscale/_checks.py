@@ -5,15 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import attrs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from imgscale._reading import cut, quoted
 from imgscale._typing import AnyFloatArray, ImageSize
 
 T = TypeVar("T")
+
+_LEAST, _MOST = 1e-100, 1e100  # of a number whose square is taken: it must be a number, too
+_MOST_PIXELS = 10**9  # of a side: products of sides are exact, and floats
+_LONGEST_TEXT = 1000  # characters of a label: no detector's name is so long, a broken file's may be
 
 
 @contextmanager
@@ -23,8 +28,7 @@ def within(place: object) -> Generator[None]:
         yield
     except (TypeError, ValueError) as error:
         kind = TypeError if isinstance(error, TypeError) else ValueError
-        msg = f"{place}: {error}"
-        raise kind(msg) from error
+        raise kind(cut(f"{place}: {error}")) from error
 
 
 def as_float(value: float) -> float:
@@ -53,7 +57,7 @@ def is_between(value: object, low: float, high: float) -> bool:
 
 def number_error(name: str, law: str, value: object, remedy: str = "") -> Exception:
     """Build the error for a number that breaks its law: TypeError where it is no number."""
-    msg = f"`{name}` must be {law}; got {value!r}.{' ' + remedy if remedy else ''}"
+    msg = f"`{name}` must be {law}; got {quoted(value)}.{' ' + remedy if remedy else ''}"
     return ValueError(msg) if isinstance(value, float) else TypeError(msg)
 
 
@@ -74,14 +78,18 @@ def finite_number(name: str, value: float) -> float:
 
 
 def positive(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
-    """Validate a finite number above zero."""
+    """Validate a finite number above zero, from 1e-100 to 1e100."""
     positive_number(attribute.name, value)
+    if not _LEAST <= value <= _MOST:
+        raise number_error(attribute.name, "between 1e-100 and 1e100", value)
 
 
 def non_negative(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
-    """Validate a finite number at or above zero."""
+    """Validate a finite number at or above zero, at most 1e100."""
     if not (_is_real(value) and 0 <= value < math.inf):
         raise number_error(attribute.name, "finite and not negative", value)
+    if value > _MOST:
+        raise number_error(attribute.name, "at most 1e100", value)
 
 
 def share(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
@@ -91,17 +99,25 @@ def share(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
 
 
 def finite(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
-    """Validate a finite number."""
+    """Validate a finite number, of at most 1e100."""
     finite_number(attribute.name, value)
+    if abs(value) > _MOST:
+        raise number_error(attribute.name, "between -1e100 and 1e100", value)
 
 
 def text(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
-    """Validate a string that is not blank."""
+    """Validate a string that is not blank, of at most 1000 characters."""
     if not isinstance(value, str):
-        msg = f"`{attribute.name}` must be a string; got {value!r}."
+        msg = f"`{attribute.name}` must be a string; got {quoted(value)}."
         raise TypeError(msg)
+    if len(value) > _LONGEST_TEXT:
+        msg = (
+            f"`{attribute.name}` must have at most {_LONGEST_TEXT} characters; got {len(value)}: "
+            f"{quoted(value)}."
+        )
+        raise ValueError(msg)
     if not value.strip():
-        msg = f"`{attribute.name}` must not be blank; got {value!r}."
+        msg = f"`{attribute.name}` must not be blank; got {quoted(value)}."
         raise ValueError(msg)
 
 
@@ -115,10 +131,23 @@ def nan_as_none(value: float | None) -> float | None:
     return None if value is None or math.isnan(value) else value
 
 
+def nans_as_none(values: tuple[float, ...] | None) -> tuple[float | None, ...] | None:
+    """Let two rows of numbers be equal where those that are not known are the same."""
+    return None if values is None else tuple(nan_as_none(value) for value in values)
+
+
+def restore(frozen: object, state: tuple[None, dict[str, Any]]) -> None:
+    """Fill a frozen object from its pickle or copy, with arrays that are read-only again."""
+    for name, value in state[1].items():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False  # which numpy's own copies forget
+        object.__setattr__(frozen, name, value)
+
+
 def true_or_false(_: object, attribute: attrs.Attribute[Any], value: object) -> None:
     """Validate a truth value; words and numbers are not taken for one."""
     if not isinstance(value, bool):
-        msg = f"`{attribute.name}` must be True or False; got {value!r}."
+        msg = f"`{attribute.name}` must be True or False; got {quoted(value)}."
         raise TypeError(msg)
 
 
@@ -144,7 +173,7 @@ def check_choice(name: str, value: object, allowed: Sequence[str]) -> None:
     """Raise unless `value` is one of `allowed`."""
     if not (isinstance(value, str) and value in allowed):
         listed = ", ".join(f'"{choice}"' for choice in allowed)
-        msg = f"`{name}` must be one of {listed}; got {value!r}."
+        msg = f"`{name}` must be one of {listed}; got {quoted(value)}."
         raise ValueError(msg)
 
 
@@ -154,15 +183,16 @@ def as_image_size(value: Sequence[int] | None, name: str = "image_size") -> Imag
         return None
     try:
         width, height = value
-        size = (int(width), int(height))
-        lawful = size == (width, height) and min(size) > 0 and not isinstance(width, bool)
+        real = _is_real(width) and _is_real(height)
+        size = (int(width), int(height)) if real else (0, 0)
+        lawful = size == (width, height) and 0 < min(size) <= max(size) <= _MOST_PIXELS
     except (TypeError, ValueError, OverflowError):
         lawful = False
         size = (0, 0)
     if not lawful:
         msg = (
-            f"`{name}` must be (width, height), two positive whole numbers of pixels; "
-            f"got {value!r}."
+            f"`{name}` must be (width, height), two positive whole numbers of pixels, "
+            f"at most 1e9; got {quoted(value)}."
         )
         raise ValueError(msg)
     return size
@@ -179,6 +209,12 @@ def as_known_image_size(value: Sequence[int]) -> ImageSize:
 
 def as_array(name: str, law: str, values: ArrayLike) -> NDArray[Any]:
     """Turn nested sequences into an array, or say under its name that they are not one."""
+    if _hides_values(values):
+        msg = (
+            f"`{name}` must be {law}, with no masked entry; got a masked array. Fill it first: "
+            "array.filled(value)."
+        )
+        raise ValueError(msg)
     try:
         return np.asarray(values)
     except ValueError as error:
@@ -186,11 +222,25 @@ def as_array(name: str, law: str, values: ArrayLike) -> NDArray[Any]:
         raise ValueError(msg) from error
 
 
+def _hides_values(values: object) -> bool:
+    """Tell whether an entry is masked: numpy takes what lies under a mask for a value."""
+    if isinstance(values, (list, tuple)):
+        items = cast("Sequence[object]", values)
+        nested = (list, tuple, np.ma.MaskedArray)
+        return any(
+            isinstance(item, nested) and _hides_values(cast("object", item)) for item in items
+        )
+    return bool(np.ma.is_masked(values))
+
+
 def four_numbers(name: str, law: str, values: ArrayLike) -> tuple[float, float, float, float]:
     """Turn four real numbers into a tuple, or say under its name what they must be."""
     array = as_array(name, law, values)
-    if array.shape != (4,) or array.dtype.kind not in "fiu":
-        seen = repr(values) if array.size <= 8 else f"shape {array.shape}"
+    listed: list[Any] = list(cast("Any", values)) if isinstance(values, (list, tuple)) else []
+    # numpy makes 1 of True where numbers stand beside it
+    has_truth = any(isinstance(value, bool) for value in listed)
+    if array.shape != (4,) or array.dtype.kind not in "fiu" or has_truth:
+        seen = quoted(values) if array.size <= 8 else f"shape {array.shape}"
         msg = f"`{name}` must be {law}; got {seen}."
         raise ValueError(msg)
     a, b, c, d = (float(number) for number in array)

@@ -42,6 +42,8 @@ def valid_depths(values: AnyFloatArray, kind: DepthKind) -> BoolArray:
 
 def refuse_integers(name: str, values: ArrayLike, scales: str) -> None:
     """Raise where values come as a file stores them."""
+    if isinstance(values, np.ma.MaskedArray):
+        values = as_given(cast("Any", values))
     dtype = as_array(name, "an array of numbers", values).dtype
     if dtype.kind in "iu":
         msg = (

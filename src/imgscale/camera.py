@@ -20,7 +20,9 @@ from imgscale._checks import (
     own_floats,
     positive,
 )
+from imgscale._reading import decoding
 from imgscale._typing import ImageSize
+from imgscale.picture import opened_picture
 
 __all__ = ["Camera"]
 
@@ -214,28 +216,28 @@ class Camera:
 
         Raises
         ------
+        FileError
+            If the file is no picture, or its record is broken.
+        OSError
+            If there is no such file, or it may not be read.
         ValueError
             If the record is missing, or the picture has another aspect ratio than the record
             says: then it was cropped and its focal length in pixels is not known.
         """
-        from PIL import ExifTags, Image  # noqa: PLC0415 - 20 ms that most users do not need
+        from PIL import ExifTags  # noqa: PLC0415 - 20 ms that most users do not need
 
-        with Image.open(path) as image:
+        with opened_picture(path) as image, decoding(path, "a picture"):
             width, height = image.size
-            orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
+            turned = image.getexif().get(ExifTags.Base.Orientation, 1) >= 5
             record = image.getexif().get_ifd(ExifTags.IFD.Exif)
-        focal_mm = float(record.get(ExifTags.Base.FocalLengthIn35mmFilm, 0))
-        if focal_mm <= 0:
+            focal_mm, *taken = (float(record.get(entry, 0)) for entry in _exif_entries())
+        if not 0 < focal_mm < math.inf:
             msg = (
                 f"{path} must carry FocalLengthIn35mmFilm in its EXIF record; got none. "
                 "Give the focal length by hand: Camera(focal_px, focal_rel_std=...)."
             )
             raise ValueError(msg)
-        taken = (
-            float(record.get(ExifTags.Base.ExifImageWidth, 0)),
-            float(record.get(ExifTags.Base.ExifImageHeight, 0)),
-        )
-        if all(taken) and not _same_shape((width, height), taken):
+        if all(taken) and not _same_shape((width, height), (taken[0], taken[1])):
             msg = (
                 f"{path} must have the aspect ratio it was taken with, {taken[0]:.0f} x "
                 f"{taken[1]:.0f}; got {width} x {height}. Give the focal length of a cropped "
@@ -243,8 +245,14 @@ class Camera:
             )
             raise ValueError(msg)
         focal_px = focal_mm * math.hypot(width, height) / _FULL_FRAME_DIAGONAL_MM
-        size = (height, width) if orientation >= 5 else (width, height)
+        size = (height, width) if turned else (width, height)
         return cls(focal_px, focal_rel_std=_EQUIVALENT_REL_STD, image_size=size)
+
+
+def _exif_entries() -> tuple[int, ...]:
+    from PIL.ExifTags import Base  # noqa: PLC0415 - 20 ms that most users do not need
+
+    return (Base.FocalLengthIn35mmFilm, Base.ExifImageWidth, Base.ExifImageHeight)
 
 
 def _same_shape(size: tuple[float, float], taken: tuple[float, float]) -> bool:

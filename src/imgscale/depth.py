@@ -19,6 +19,7 @@ from imgscale._checks import (
     non_negative,
     own_floats,
     positive,
+    restore,
 )
 from imgscale._depth_values import (
     METRIC_SCALES,
@@ -47,7 +48,7 @@ def _check_depth_at(_: object, __: attrs.Attribute[Any], value: str) -> None:
 @attrs.frozen(eq=False)
 class ObjectDepths:
     """
-    One depth per detection, for those who have no map.
+    One depth per detection, for those who have no map. Equal only to itself, as a `DepthMap` is.
 
     Attributes
     ----------
@@ -117,6 +118,9 @@ class ObjectDepths:
             )
             raise ValueError(msg)
         object.__setattr__(self, "values", owned)  # frozen: once, while it is being made
+
+    def __setstate__(self, state: tuple[None, dict[str, Any]]) -> None:
+        restore(self, state)
 
     def __len__(self) -> int:
         return int(self.values.size)

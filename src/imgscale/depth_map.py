@@ -22,6 +22,7 @@ from imgscale._checks import (
     non_negative,
     own_floats,
     positive_number,
+    restore,
 )
 from imgscale._depth_values import (
     METRIC_SCALES,
@@ -55,7 +56,8 @@ class DepthMap:
                         shift: MiDaS, Depth Anything relative
     ==================  =========================================  ==================
 
-    Any other value (NaN, inf, 0, negative) means that the pixel has no depth.
+    Any other value (NaN, inf, 0, negative) means that the pixel has no depth. Maps are equal only
+    to themselves.
 
     Attributes
     ----------
@@ -111,9 +113,7 @@ class DepthMap:
             raise ValueError(msg)
 
     def __setstate__(self, state: tuple[None, dict[str, Any]]) -> None:
-        for name, value in state[1].items():
-            object.__setattr__(self, name, value)
-        self.values.flags.writeable = False  # which numpy's own copies forget
+        restore(self, state)
 
     def _holds_depth(self) -> bool:
         high = self._extremes[1]
@@ -214,7 +214,7 @@ class DepthMap:
         baseline = positive_number("baseline_m", baseline_m)
         doffs = finite_number("doffs_px", doffs_px)
         refuse_integers("disparity", disparity, "KITTI 256, OpenCV's SGBM 16")
-        pixels = own_floats("disparity", disparity, 2, "(H, W)").astype(np.float64)
+        pixels = own_floats("disparity", as_given(disparity), 2, "(H, W)").astype(np.float64)
         shifted = pixels + doffs
         with np.errstate(invalid="ignore"):
             seen = np.isfinite(pixels) & (pixels > 0) & (shifted > 0)
@@ -275,7 +275,7 @@ class DepthMap:
         check_choice("kind", kind, ("metric", "relative"))
         if kind == "metric":
             refuse_integers("values", values, "millimetres 1000")
-        distance = own_floats("values", values, 2, "(H, W)").astype(np.float64)
+        distance = own_floats("values", as_given(values), 2, "(H, W)").astype(np.float64)
         height, width = distance.shape
         check_not_transposed(camera.image_size, distance.shape)
         size = camera.image_size or (width, height)

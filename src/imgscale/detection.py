@@ -20,9 +20,11 @@ from imgscale._checks import (
     four_numbers,
     is_between,
     number_error,
+    restore,
     text,
     true_or_false,
 )
+from imgscale._reading import quoted
 from imgscale._typing import BoolArray, Box
 
 __all__ = ["Detection", "check_detections"]
@@ -70,6 +72,12 @@ def _as_mask(value: ArrayLike | None) -> BoolArray | None:
 def _check_score(_: object, __: attrs.Attribute[Any], value: float) -> None:
     if not is_between(value, 0, 1):
         raise number_error("score", "between 0 and 1", value, "Divide percentages by 100.")  # noqa: EM101 - a name
+
+
+def _check_track_id(_: object, __: attrs.Attribute[Any], value: object) -> None:
+    if not isinstance(value, (int, str)):
+        msg = f"`track_id` must be a whole number or a string; got {quoted(value)}."
+        raise TypeError(msg)
 
 
 @attrs.frozen
@@ -139,7 +147,7 @@ class Detection:
     track_id: int | str | None = attrs.field(
         default=None,
         kw_only=True,
-        validator=attrs.validators.optional(attrs.validators.instance_of((int, str))),
+        validator=attrs.validators.optional(_check_track_id),
     )
     aliases: tuple[str, ...] = attrs.field(
         default=(),
@@ -160,6 +168,9 @@ class Detection:
                 "Masks have the shape of the whole image."
             )
             raise ValueError(msg)
+
+    def __setstate__(self, state: tuple[None, dict[str, Any]]) -> None:
+        restore(self, state)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-__all__ = ["DepthMismatchError", "FitError", "ImgscaleError", "MissingDependencyError"]
+__all__ = [
+    "DepthMismatchError",
+    "FileError",
+    "FitError",
+    "ImgscaleError",
+    "MissingDependencyError",
+]
 
 
 class ImgscaleError(Exception):
@@ -28,6 +34,15 @@ class DepthMismatchError(ImgscaleError, ValueError):
     A model was used with depth that it was not fitted to.
 
     Raised for depth of another kind and, where the depth has no absolute scale, for another map.
+    """
+
+
+class FileError(ImgscaleError, ValueError):
+    """
+    A file is broken, not what it says it is, or beyond a limit.
+
+    The message names the file and the cause. A file that is missing or may not be read raises the
+    system's own `OSError`.
     """
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from imgscale._checks import as_float, is_between, nan_as_none, number_error
+from imgscale._checks import as_float, is_between, nan_as_none, nans_as_none, number_error
 from imgscale._format import PER_METRE, digits_for, with_error
 from imgscale._html import Column, Markup, name_of, table
 from imgscale._typing import FloatArray, SizeAxis
@@ -59,7 +59,7 @@ class SizeEstimate:
     depth: float = attrs.field(eq=nan_as_none)
     distance_m: float | None = attrs.field(eq=nan_as_none)
     flags: Flag
-    quantiles_m: tuple[float, ...] | None = attrs.field(default=None, repr=False)
+    quantiles_m: tuple[float, ...] | None = attrs.field(default=None, repr=False, eq=nans_as_none)
 
     def interval(self, level: float = 0.9) -> tuple[float, float]:
         """

@@ -26,7 +26,7 @@ def _check_camera(_: object, __: attrs.Attribute[Any], value: object) -> None:
 @attrs.frozen(eq=False)
 class Frame:
     """
-    What belongs to one image.
+    What belongs to one image. Equal only to itself, as a `DepthMap` is.
 
     Attributes
     ----------

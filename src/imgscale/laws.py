@@ -104,7 +104,11 @@ class Law(NamedTuple):
             The values themselves where larger ones are nearer, else 1 / values.
         """
         array = np.asarray(values, dtype=np.float64)
-        return array if self.inverse else 1 / array
+        if self.inverse:
+            return array
+        with np.errstate(over="ignore"):  # of what is all but 0: infinitely near
+            nearness: FloatArray = 1 / array
+        return nearness
 
     def value_at(self, relative_distance: float, shift: float = 0.0) -> float:
         """

@@ -84,8 +84,8 @@ class Outcome:
             ``shift``, ``kind``, ``flags`` and ``objects`` (what `Measurement.table` gives).
         """
         if self.measurement is None:
-            name, message = type(self.error).__name__, str(self.error)
-            return {"path": self.path, "error": {"type": name, "message": message}}
+            error = {"type": type(self.error).__name__, "message": _message(self.error)}
+            return {"path": self.path, "error": error}
         model = self.measurement.model.to_dict()
         kept = {name: model[name] for name in ("k", "k_std", "shift", "kind", "flags")}
         return {"path": self.path, **kept, "objects": self.measurement.table()}
@@ -194,6 +194,14 @@ def _outcomes(
         if record is not None:
             records.append(record, outcome.to_dict())
         yield outcome
+
+
+def _message(error: Exception | None) -> str:
+    """Write what an error says, if it says anything; whoever made it may have made it badly."""
+    try:
+        return str(error)
+    except Exception:  # noqa: BLE001 - the next picture follows
+        return ""
 
 
 def _refuse(item: str) -> Never:

@@ -10,7 +10,7 @@ import attrs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from imgscale._checks import check_type, nan_as_none
+from imgscale._checks import as_array, check_type, nan_as_none
 from imgscale._depth_values import valid_depths
 from imgscale._format import with_error
 from imgscale._html import Column, Markup, element, joined, name_of, table
@@ -175,7 +175,11 @@ class ScaleModel:
         >>> model.metres_per_pixel([4.0, 8.0])
         array([0.01, 0.02])
         """
-        values = np.asarray(depth, dtype=np.float64)
+        given = as_array("depth", "an array of numbers", depth)
+        if given.dtype.kind not in "fiu":
+            msg = f"`depth` must hold real numbers; got dtype {given.dtype}."
+            raise TypeError(msg)
+        values = given.astype(np.float64, copy=False)
         scale: FloatArray = np.empty(values.shape, dtype=np.float64)
         self._scale_into(scale, values, mark=True)
         return scale

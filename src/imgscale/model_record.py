@@ -8,8 +8,9 @@ from typing import Any, cast, get_args
 
 import attrs
 
-from imgscale._checks import check_choice
-from imgscale._typing import DepthKind, FitMethod
+from imgscale._checks import as_float, as_known_image_size, check_choice, nan_as_none
+from imgscale._reading import cut, quoted
+from imgscale._typing import Box, DepthKind, FitMethod, SizeAxis
 from imgscale.camera import Camera
 from imgscale.depth import GroundPlane
 from imgscale.fitted_plane import FittedPlane
@@ -74,16 +75,16 @@ def fields_from(record: Mapping[str, Any], names: Collection[str]) -> dict[str, 
         raise TypeError(msg)
     fields = dict(record)
     if fields.pop("schema", None) != _SCHEMA:
-        msg = f"`record` must have schema {_SCHEMA}; got {record.get('schema')!r}."
+        msg = f"`record` must have schema {_SCHEMA}; got {quoted(record.get('schema'))}."
         raise ValueError(msg)
     if fields.keys() != set(names):
         odd = ", ".join(sorted(map(str, fields.keys() ^ set(names))))
-        msg = f"`record` must have the fields that `to_dict` writes; got others: {odd}."
+        msg = cut(f"`record` must have the fields that `to_dict` writes; got others: {odd}.")
         raise ValueError(msg)
     try:
         return _read(fields)
     except _BROKEN as error:
-        msg = f"`record` must hold what `to_dict` writes; it is broken: {error}"
+        msg = cut(f"`record` must hold what `to_dict` writes; it is broken: {error}")
         raise ValueError(msg) from error
 
 
@@ -98,13 +99,57 @@ def _read(fields: dict[str, Any]) -> dict[str, Any]:
         fields[name] = None if fields[name] is None else kind(**fields[name])
     fields["shared"] = None if fields["shared"] is None else _shared(fields["shared"])
     size = fields["image_size"]
-    fields["image_size"] = None if size is None else (int(size[0]), int(size[1]))
+    fields["image_size"] = None if size is None else as_known_image_size(size)
     if fields["mean_depth"] is None:
         fields["mean_depth"] = math.nan
     check_choice("kind", fields["kind"], get_args(DepthKind))
     check_choice("method", fields["method"], get_args(FitMethod))
     _check_numbers(fields)
+    plane, shared = fields["plane"], fields["shared"]
+    parts = [*fields["references"], *fields["priors"], *([plane] if plane else [])]
+    parts += [shared, *shared.own, *shared.others] if shared else []
+    for part in parts:
+        for field in attrs.fields(part.__class__):
+            _check_kind(field.name, str(field.type), getattr(part, field.name))
+    for name, law in _PLAIN.items():
+        _check_kind(name, law, fields[name])
     return fields
+
+
+# What the model's own numbers are; those of its parts are told by their classes.
+_PLAIN = {
+    "correlation": "finite number", "mean_depth": "float", "scale_rel_std": "finite number",
+    "depth_rel": "finite number | None", "fingerprint": "int | None",
+}  # fmt: skip
+
+
+def _check_kind(name: str, kind: str, value: object) -> None:
+    """Raise where a word, a truth value or no value stands for a number, or the reverse."""
+    laws: dict[str, bool] = {
+        "str": isinstance(value, str),
+        "bool": isinstance(value, bool),
+        "int": _is_number(value) and isinstance(value, int),
+        "float": _is_number(value),
+        "finite number": _is_number(value) and not math.isnan(as_float(cast("float", value))),
+        "SizeAxis": value in get_args(SizeAxis) if isinstance(value, str) else False,
+        "Box": _are_numbers(value, 4) and None not in map(nan_as_none, cast("Box", value)),
+        "tuple[float, float]": _are_numbers(value, 2),
+        "tuple[float, float, float]": _are_numbers(value, 3),
+    }
+    *maybe, wanted = sorted(kind.split(" | "), key="None".__ne__)
+    if not (laws.get(wanted, True) or (maybe and value is None)):
+        msg = f"`{name}` must be {kind}; got {quoted(value)}."
+        raise TypeError(msg)
+
+
+def _is_number(value: object) -> bool:
+    is_real = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return is_real and not math.isinf(as_float(cast("float", value)))
+
+
+def _are_numbers(value: object, count: int) -> bool:
+    listed = cast("tuple[object, ...]", value) if isinstance(value, tuple) else ()
+    return len(listed) == count and all(map(_is_number, listed))
 
 
 def _check_numbers(fields: Mapping[str, Any]) -> None:
@@ -112,10 +157,10 @@ def _check_numbers(fields: Mapping[str, Any]) -> None:
     laws = {"k": "positive", "k_std": ">= 0", "shift": "finite", "shift_std": ">= 0"}
     for name, law in laws.items():
         value = fields[name]
-        good = isinstance(value, (int, float)) and math.isfinite(value)
+        good = _is_number(value) and not math.isnan(value)
         if not good or (law != "finite" and value < 0) or (law == "positive" and value == 0):
             msg = f"`{name}` must be a finite number{'' if law == 'finite' else f', {law}'}; "
-            raise ValueError(msg + f"got {value!r}.")
+            raise ValueError(msg + f"got {quoted(value)}.")
 
 
 def _plain(_: object, __: object, value: Any) -> Any:

@@ -34,7 +34,7 @@ _UNIT_FACTOR = 5.0
 
 
 @functools.lru_cache(maxsize=4096)  # a detector has few labels, and each image asks for them all
-def normal_label(label: str) -> str:
+def normal_label(label: object) -> str:
     """
     Bring a label to the form in which labels are compared.
 
@@ -47,7 +47,15 @@ def normal_label(label: str) -> str:
     -------
     str
         Casefolded, with ``_`` and ``-`` as spaces and runs of spaces as one.
+
+    Raises
+    ------
+    TypeError
+        If the label is no string.
     """
+    if not isinstance(label, str):
+        msg = f"`label` must be a string; got {label!r}."
+        raise TypeError(msg)
     return " ".join(label.casefold().replace("_", " ").replace("-", " ").split())
 
 
@@ -168,6 +176,10 @@ class ObjectPrior:
     spans: str = attrs.field(default="", kw_only=True)
 
     def __attrs_post_init__(self) -> None:
+        for name, error in (("std_m", self.std_m), ("mean_std_m", self.mean_std_m)):
+            if error > _LARGEST_SPREAD * self.mean_m:
+                msg = f"`{name}` must be at most 1e6 times the mean, {self.mean_m}; got {error}."
+                raise ValueError(msg)
         shipped = _shipped_ranges().get((normal_label(self.label), self.axis))
         if shipped is None:
             return
@@ -185,6 +197,9 @@ class ObjectPrior:
     def names(self) -> tuple[str, ...]:
         """The label and its aliases, in the form in which labels are compared."""
         return tuple(dict.fromkeys(normal_label(name) for name in (self.label, *self.aliases)))
+
+
+_LARGEST_SPREAD = 1e6  # so many times its mean, a size is not known at all
 
 
 @functools.cache

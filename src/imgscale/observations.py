@@ -10,14 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypedDict
 
 import numpy as np
 
+from imgscale._reading import quoted
 from imgscale._typing import BoolArray, FloatArray, ImageSize, IntArray, SizeAxis
 from imgscale.core.segments import Parts
 from imgscale.depth import Depth, GroundPlane, ObjectDepths, check_depth_type
 from imgscale.detection import Detection
+from imgscale.errors import FitError
 from imgscale.extent import extent_rel_std, outside_image, pixel_extents, touches_border
 from imgscale.laws import LAWS
 from imgscale.noise import Noise
@@ -28,6 +30,7 @@ from imgscale.prior_choice import (
     choose_prior,
     columns_of,
     prior_label,
+    size_along,
 )
 from imgscale.priors import PriorTable
 from imgscale.standing import feet_of
@@ -41,6 +44,8 @@ NO_PRIOR = "no prior"
 PARTIAL = "partial"
 NO_DEPTH = "no depth"
 OFF_GROUND = "not on the ground"
+
+_LARGEST_LOG = 700.0  # its exponential is 1e304: some room to the ends of all floats
 
 
 class Observations(NamedTuple):
@@ -123,6 +128,24 @@ class Observations(NamedTuple):
         """The rows that can be references."""
         return np.array([row for row, why in enumerate(self.reason) if not why], dtype=np.intp)
 
+    def with_priors(self, priors: PriorTable) -> Observations:
+        """
+        Compare the objects with other sizes of the same labels.
+
+        Parameters
+        ----------
+        priors : PriorTable
+            The table that was read, with its sizes moved.
+
+        Returns
+        -------
+        Observations
+            The same objects along the same axes.
+        """
+        known = zip(self.known_as, self.axis, strict=True)
+        prior = tuple([size_along(name, axis, priors) for name, axis in known])
+        return self._replace(prior=prior, **_prior_columns(prior))
+
 
 def observe(
     detections: Sequence[Detection],
@@ -166,6 +189,8 @@ def observe(
         If a box or mask does not belong to the image, or there is not one depth per detection.
     TypeError
         If depth is not one of the depth types.
+    FitError
+        If numbers are so large or small that no ratio of theirs can be told.
     """
     depth = check_depth_type(depth)
     boxes, at_border = _boxes(detections, depth.image_size)
@@ -183,33 +208,73 @@ def observe(
     if isinstance(depth, ObjectDepths) and depth.depth_at == "centre":
         depths = _on_surface(depths, known_as, extents, priors, noise, k)
     pixels = np.array([own[row.axis] for own, row in zip(extents, prior, strict=True)], np.float64)
+    inverse_depth = LAWS[depth.kind].inverse_depth(depths.value)
+    sizes = _prior_columns(prior)
+    _check_magnitudes(
+        detections,
+        pixels,
+        _log_inverse(inverse_depth, depth.kind),
+        (sizes["prior_log"], np.full(pixels.size, np.nan if k is None else np.log(k))),
+    )
     partial = [d.partial or cut for d, cut in zip(detections, at_border, strict=True)]
-    group, distinct = _groups(prior)
-    sizes = columns_of(distinct, group)
     return Observations(
         known_as=known_as,
         prior=tuple(prior),
         axis=tuple([row.axis for row in prior]),
         pixels=pixels,
         depth=depths.value,
-        inverse_depth=LAWS[depth.kind].inverse_depth(depths.value),
+        inverse_depth=inverse_depth,
         box_var=extent_rel_std(pixels, noise.box_px, noise.box_rel) ** 2,
         depth_var=depths.rel_std**2,
         unknown_noise=depths.unknown_noise,
-        prior_m=sizes.mean_m,
-        prior_std_m=sizes.std_m,
-        prior_mean_std_m=sizes.mean_std_m,
-        prior_log=sizes.log_mean,
-        prior_var=sizes.log_var,
-        tau=sizes.tau,
-        kinds=sizes.kinds,
-        group=group,
+        **sizes,
         mixed=depths.mixed,
         partial=np.array(partial, dtype=np.bool_),
         boxes=boxes,
         feet=feet,
         reason=tuple(map(_reason, prior, partial, depths.value.tolist())),
     )
+
+
+def _log_inverse(inverse_depth: FloatArray, kind: str) -> FloatArray:
+    """Take the logarithm of D; where a shift comes to it, of the largest."""
+    known = np.abs(inverse_depth)
+    if kind in {"affine_inverse", "ground_plane"}:
+        known = np.where(np.isnan(known), np.nan, np.fmax.reduce(known, initial=0.0))
+    logs: FloatArray = np.log(np.where(known == 0, np.nan, known))
+    if kind == "affine_inverse" and (np.abs(logs) > _LARGEST_LOG / 3).any():
+        msg = (
+            "`depth` with an unknown shift must have values whose largest lies between 1e-100 and "
+            f"1e100; got {np.nanmax(known):g}. Rescale them."
+        )
+        raise FitError(msg)
+    return logs
+
+
+def _check_magnitudes(
+    detections: Sequence[Detection],
+    pixels: FloatArray,
+    log_inverse: FloatArray,
+    known: tuple[FloatArray, FloatArray],
+) -> None:
+    """Raise where sizes, pixels, depths and k cannot be multiplied or divided."""
+    log_pixels, (log_m, log_k) = np.log(pixels), known
+    for logs in (
+        log_pixels - log_inverse,  # d p
+        log_m - log_pixels,  # metres per pixel of a reference
+        log_m - log_pixels + log_inverse,  # its own k
+        log_k - log_inverse,  # metres per pixel of what is measured
+        log_k - log_inverse + log_pixels,  # its size
+    ):
+        beyond = np.abs(logs) > _LARGEST_LOG
+        if beyond.any():
+            row = int(np.argmax(beyond))
+            msg = (
+                f"`detections`[{row}] ({quoted(detections[row].label)}) must have a size, pixels "
+                "and depth whose ratios lie between 1e-304 and 1e304; got "
+                f"{pixels[row]:g} px and log(1 / depth) = {log_inverse[row]:.0f}. Check the units."
+            )
+            raise FitError(msg)
 
 
 def _boxes(
@@ -332,6 +397,35 @@ def _on_surface(
     # an object without a prior is no reference: its depth may stay that of its centre
     value, rel_std = surface_depth(depths.value, np.nan_to_num(extent_m), np.nan_to_num(std_m))
     return depths._replace(value=value, rel_std=np.hypot(depths.rel_std, rel_std))
+
+
+class _PriorFields(TypedDict):
+    """The columns that priors alone fill."""
+
+    prior_m: FloatArray
+    prior_std_m: FloatArray
+    prior_mean_std_m: FloatArray
+    prior_log: FloatArray
+    prior_var: FloatArray
+    tau: FloatArray
+    kinds: Parts
+    group: IntArray
+
+
+def _prior_columns(prior: Sequence[SizePrior]) -> _PriorFields:
+    """Put what is known of each object into columns."""
+    group, distinct = _groups(prior)
+    sizes = columns_of(distinct, group)
+    return {
+        "prior_m": sizes.mean_m,
+        "prior_std_m": sizes.std_m,
+        "prior_mean_std_m": sizes.mean_std_m,
+        "prior_log": sizes.log_mean,
+        "prior_var": sizes.log_var,
+        "tau": sizes.tau,
+        "kinds": sizes.kinds,
+        "group": group,
+    }
 
 
 def _groups(prior: Iterable[SizePrior]) -> tuple[IntArray, list[SizePrior]]:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from imgscale._reading import decoding, open_file
 from imgscale._typing import ImageArray, ImageSize
+from imgscale.errors import FileError
 
 if TYPE_CHECKING:
     from PIL.Image import Image as PillowImage
 
-__all__ = ["Picture", "size_of", "upright_rgb"]
+__all__ = ["Picture", "opened_picture", "size_of", "upright_rgb"]
 
 
 class PillowPicture(Protocol):
@@ -48,10 +51,13 @@ def upright_rgb(image: object) -> ImageArray:
     TypeError
         If it is no picture.
     ValueError
-        If an array is not (H, W, 3) uint8, or the picture has more than 8 bits per channel, is
-        broken or larger than Pillow opens.
+        If an array is not (H, W, 3) uint8, or a PIL image has more than 8 bits per channel.
+    FileError
+        If a file is no picture, broken or cut off, has more than 8 bits per channel, or more
+        pixels than Pillow opens: twice `PIL.Image.MAX_IMAGE_PIXELS`, 178 956 970 where nobody
+        changed it.
     OSError
-        If a file is missing or no picture.
+        If a file is missing or may not be read.
     """
     if isinstance(image, np.ndarray):
         array = cast("NDArray[Any]", image)
@@ -65,19 +71,48 @@ def upright_rgb(image: object) -> ImageArray:
     from PIL import Image, ImageOps  # noqa: PLC0415 - 20 ms that most users do not need
 
     if isinstance(image, (str, PathLike)):
-        try:
-            with Image.open(Path(cast("str | PathLike[str]", image))) as opened:
-                return _eight_bits(ImageOps.exif_transpose(opened))
-        except Image.DecompressionBombError as error:
-            msg = f"`image` is too large to be opened: {error} Raise PIL.Image.MAX_IMAGE_PIXELS."
-            raise ValueError(msg) from error
-        except SyntaxError as error:  # Pillow's way of saying that a file is broken
-            msg = f"`image` must be a whole picture; {image} is broken: {error}."
-            raise ValueError(msg) from error
+        path = cast("str | PathLike[str]", image)
+        with opened_picture(path) as opened, decoding(path, "a picture"):
+            return _eight_bits(ImageOps.exif_transpose(opened))
     if isinstance(image, Image.Image):
         return _eight_bits(ImageOps.exif_transpose(image))
     msg = f"`image` must be a path, an array or a PIL image; got {type(image).__name__}."
     raise TypeError(msg)
+
+
+@contextmanager
+def opened_picture(path: str | PathLike[str]) -> Generator[PillowImage]:
+    """
+    Open a picture's file; its pixels are decoded when they are asked for.
+
+    Parameters
+    ----------
+    path : str or path-like
+        The file.
+
+    Yields
+    ------
+    PIL image
+        The picture as the file has it.
+
+    Raises
+    ------
+    FileError
+        If it is no picture, or has more pixels than Pillow opens.
+    OSError
+        If it is missing or may not be read.
+    """
+    from PIL import Image  # noqa: PLC0415 - 20 ms that most users do not need
+
+    with open_file(path) as file:
+        with decoding(path, "a picture"):
+            try:
+                opened = Image.open(file)
+            except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+                msg = f"{path} is too large to be opened: {error} Raise PIL.Image.MAX_IMAGE_PIXELS."
+                raise FileError(msg) from error
+        with opened:
+            yield opened
 
 
 def size_of(image: object) -> ImageSize:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+import re
 from typing import Any
 
-from imgscale._tables import Table
+from imgscale._reading import cut, number_of, quoted
+from imgscale._tables import Table, as_cell, of_cell
 from imgscale._typing import Region, SizeAxis
+from imgscale.errors import FileError
 from imgscale.object_prior import ObjectPrior, normal_label
 
 __all__ = ["COLUMNS", "read_rows", "write_row"]
@@ -18,6 +22,10 @@ _NUMBERS: dict[str, type[float | int]] = {
     "mean_m": float, "std_m": float, "mean_std_m": float, "depth_extent_m": float, "share": float,
     "year": int, "n": int,
 }  # fmt: skip
+
+
+_SHOWN = 100  # bad rows that a message names
+_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
 
 
 def read_rows(table: Table, region: Region) -> list[ObjectPrior]:
@@ -38,8 +46,8 @@ def read_rows(table: Table, region: Region) -> list[ObjectPrior]:
 
     Raises
     ------
-    ValueError
-        If a column is missing or unknown, or a row breaks a law; all bad rows are named.
+    FileError
+        If a column is missing or unknown, or a row breaks a law; up to 100 bad rows are named.
     """
     columns = set(table.columns)
     wrong = [
@@ -52,17 +60,19 @@ def read_rows(table: Table, region: Region) -> list[ObjectPrior]:
     ]
     if wrong:
         msg = f"{table.name} must have the columns of a prior table; got {'; '.join(wrong)}."
-        raise ValueError(msg)
+        raise FileError(cut(msg))
     rows: list[ObjectPrior] = []
     problems: list[str] = []
     for line, record in table.records:
         try:
             rows.append(_parse_row(record))
         except (ValueError, TypeError) as error:
-            problems.append(f"line {line}: {error}")
+            problems.append(cut(f"line {line}: {error}"))
     if problems:
-        msg = f"{table.name} must hold lawful rows; got {len(problems)} bad: {' | '.join(problems)}"
-        raise ValueError(msg)
+        more = len(problems) - _SHOWN
+        listed = " | ".join([*problems[:_SHOWN], *([f"and {more} more"] if more > 0 else [])])
+        msg = f"{table.name} must hold lawful rows; got {len(problems)} bad: {listed}"
+        raise FileError(msg)
     return _rows_of_region(rows, region, table.name)
 
 
@@ -81,19 +91,18 @@ def _rows_of_region(rows: list[ObjectPrior], region: Region, name: str) -> list[
             f'{name} must have a row for region "world" or "{region}" of every label; '
             f"got none for {', '.join(lost)}. Read the file with its region."
         )
-        raise ValueError(msg)
+        raise FileError(cut(msg))
     return [
         row for row in rows if row.region == (region if region in regions[key(row)] else "world")
     ]
 
 
 def _parse_number(column: str, number: type[float | int], cell: str) -> float:
-    try:
-        return number(cell)
-    except ValueError as error:
+    if math.isnan(number_of(cell)) or (number is int and not _WHOLE.fullmatch(cell)):
         law = "a whole number" if number is int else "a number"
-        msg = f"`{column}` must be {law}; got {cell!r}."
-        raise ValueError(msg) from error
+        msg = f"`{column}` must be {law}; got {quoted(cell)}."
+        raise ValueError(msg)
+    return number(cell)
 
 
 def _parse_row(record: dict[str, Any]) -> ObjectPrior:
@@ -101,7 +110,8 @@ def _parse_row(record: dict[str, Any]) -> ObjectPrior:
     if record.get("") is not None or None in record.values():
         msg = "a row must have as many cells as the header."
         raise ValueError(msg)
-    cells = {column: cell.strip() for column, cell in record.items() if cell.strip()}
+    stripped = ((column, cell.strip()) for column, cell in record.items())
+    cells: dict[str, Any] = {column: of_cell(cell) for column, cell in stripped if cell}
     for column, number in _NUMBERS.items():
         if column in cells:
             cells[column] = _parse_number(column, number, cells[column])
@@ -110,7 +120,7 @@ def _parse_row(record: dict[str, Any]) -> ObjectPrior:
     if "on_ground" in cells:
         words = {"true": True, "false": False}
         if cells["on_ground"].lower() not in words:
-            msg = f"`on_ground` must be true or false; got {cells['on_ground']!r}."
+            msg = f"`on_ground` must be true or false; got {quoted(cells['on_ground'])}."
             raise ValueError(msg)
         cells["on_ground"] = words[cells["on_ground"].lower()]
     missing = sorted({"label", "mean_m", "std_m"} - cells.keys())
@@ -143,4 +153,6 @@ def _cell(prior: ObjectPrior, column: str) -> str:
         return ""
     if isinstance(value, bool):
         return str(value).lower()
-    return "; ".join(prior.aliases) if column == "aliases" else str(value)
+    if column in _NUMBERS:
+        return str(value)
+    return as_cell("; ".join(prior.aliases) if column == "aliases" else str(value))

@@ -13,6 +13,7 @@ import attrs
 import numpy as np
 
 from imgscale._checks import check_choice, check_iterable
+from imgscale._reading import MAX_BYTES, in_file
 from imgscale._tables import read_table, shipped_table, write_table
 from imgscale._typing import FloatArray, Region, SizeAxis
 from imgscale.object_prior import REGIONS, SHIPPED, SIZE_AXES, ObjectPrior, normal_label
@@ -363,7 +364,9 @@ class PriorTable:
         return cls(read_rows(shipped_table(_PAPER), "world"))
 
     @classmethod
-    def from_csv(cls, path: str | PathLike[str], *, region: Region = "world") -> PriorTable:
+    def from_csv(
+        cls, path: str | PathLike[str], *, region: Region = "world", max_bytes: int = MAX_BYTES
+    ) -> PriorTable:
         """
         Read a table from a file.
 
@@ -375,6 +378,8 @@ class PriorTable:
             region, source, year, n and spans are optional. Lengths are metres.
         region : str
             Where rows of this region exist for a label and axis, they replace the world's.
+        max_bytes : int
+            Greatest length of the file.
 
         Returns
         -------
@@ -383,15 +388,25 @@ class PriorTable:
 
         Raises
         ------
+        FileError
+            If the file is no table in UTF-8 or longer than `max_bytes`, a column is missing or
+            unknown, or a row breaks a law; up to 100 bad rows are named by line.
         ValueError
-            If a column is missing or unknown, or a row breaks a law; all bad rows are named.
+            If the region is unknown.
+        OSError
+            If the file cannot be opened.
         """
         check_choice("region", region, REGIONS)
-        return cls(read_rows(read_table(path), region))
+        rows = read_rows(read_table(path, max_bytes), region)
+        with in_file(path):
+            return cls(rows)
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """
         Write the table to a file that `from_csv` reads back, with the region it was made for.
+
+        A text that a spreadsheet would take for a formula is written behind an apostrophe, which
+        `from_csv` takes away.
 
         Parameters
         ----------

@@ -7,7 +7,7 @@ from typing import Literal
 
 import attrs
 
-from imgscale._checks import nan_as_none
+from imgscale._checks import nan_as_none, nans_as_none
 from imgscale._format import with_error
 from imgscale.estimate import interval_of
 from imgscale.flags import Flag, flag_names
@@ -40,7 +40,7 @@ class Quantity:
     std: float = attrs.field(eq=nan_as_none)
     unit: Literal["m", "m2"]
     flags: Flag = attrs.field(default=Flag(0))
-    quantiles: tuple[float, ...] | None = attrs.field(default=None, repr=False)
+    quantiles: tuple[float, ...] | None = attrs.field(default=None, repr=False, eq=nans_as_none)
 
     def interval(self, level: float = 0.9) -> tuple[float, float]:
         """

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
-from os import PathLike
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, cast
 
-from imgscale.errors import FitError
+from imgscale._reading import MAX_BYTES, cut, parse_json, read_bytes
+from imgscale.errors import FileError, FitError
 
 __all__ = ["append", "read_record", "resume"]
 
@@ -35,32 +39,33 @@ def resume(path: str | PathLike[str], options: dict[str, Any]) -> frozenset[str]
 
     Raises
     ------
+    FileError
+        If the file is no record.
     ValueError
-        If the file is no record, or was made with other options.
+        If it was made with other options.
     OSError
         If it cannot be read or written.
     """
     file = Path(path)
     header = json.loads(json.dumps({"imgscale": _SCHEMA, "options": options}))
-    text = file.read_bytes() if file.exists() else b""
+    # what a long run has written may have any length: it is the user's own
+    text = read_bytes(file, sys.maxsize) if file.exists() else b""
     whole = text[: text.rfind(b"\n") + 1]
     if not whole:
         if text[: len(_BEGIN)] != _BEGIN[: len(text)]:
-            raise ValueError(_no_record(file, 1))
-        file.write_text(json.dumps(header) + "\n", encoding="utf-8")
+            raise FileError(_no_record(file, 1))
+        with _named(file):
+            file.write_text(json.dumps(header) + "\n", encoding="utf-8")
         return frozenset()
-    lines = [_parsed(file, number, line) for number, line in enumerate(whole.splitlines(), 1)]
-    _check_header(file, lines[0], header)
+    first, rows = _parsed(file, whole)
+    _check_header(file, first, header)
     if len(whole) < len(text):
-        with file.open("r+b") as opened:
+        with _named(file), file.open("r+b") as opened:
             opened.truncate(len(whole))
-    nameless = [number for number, line in enumerate(lines[1:], 2) if "path" not in line]
-    if nameless:
-        raise ValueError(_no_record(file, nameless[0]))
-    return frozenset(str(line["path"]) for line in lines[1:] if not _failed(line))
+    return frozenset(row["path"] for row in rows if not _failed(row))
 
 
-def read_record(path: str | PathLike[str]) -> list[dict[str, Any]]:
+def read_record(path: str | PathLike[str], *, max_bytes: int = MAX_BYTES) -> list[dict[str, Any]]:
     """
     Read the record of a run of `measure_many`.
 
@@ -68,6 +73,8 @@ def read_record(path: str | PathLike[str]) -> list[dict[str, Any]]:
     ----------
     path : path
         The file that was given as ``record``.
+    max_bytes : int
+        Greatest length of the file.
 
     Returns
     -------
@@ -77,17 +84,15 @@ def read_record(path: str | PathLike[str]) -> list[dict[str, Any]]:
 
     Raises
     ------
-    ValueError
-        If the file is no record.
+    FileError
+        If the file is no record, or longer than `max_bytes`.
     OSError
         If it cannot be read.
     """
     file = Path(path)
-    whole, _, _ = file.read_bytes().rpartition(b"\n")
-    lines = [_parsed(file, number, line) for number, line in enumerate(whole.splitlines(), 1)]
-    if not lines or lines[0].get("imgscale") != _SCHEMA:
-        raise ValueError(_no_record(file, 1))
-    return list({str(line.get("path")): line for line in lines[1:]}.values())
+    whole, _, _ = read_bytes(file, max_bytes).rpartition(b"\n")
+    _, rows = _parsed(file, whole)
+    return list({row["path"]: row for row in rows}.values())
 
 
 def _failed(line: dict[str, Any]) -> bool:
@@ -106,23 +111,52 @@ def append(path: str | PathLike[str], row: dict[str, Any]) -> None:
     row : dict
         What to write, in types that `json` writes.
     """
-    with Path(path).open("a", encoding="utf-8") as opened:
-        opened.write(json.dumps(row) + "\n")
+    with _named(path), Path(path).open("a", encoding="utf-8") as opened:
+        opened.write(json.dumps(row, allow_nan=False) + "\n")
 
 
-def _parsed(file: Path, number: int, line: bytes) -> dict[str, Any]:
+@contextmanager
+def _named(path: str | PathLike[str]) -> Generator[None]:
+    """Name the file where the system's error does not, as that of a full disk."""
     try:
-        row = json.loads(line)
+        yield
+    except OSError as error:
+        error.filename = error.filename or fspath(path)
+        raise
+
+
+def _parsed(file: Path, whole: bytes) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Read the first line with the options, and those of the pictures."""
+    rows = [_row(file, number, line) for number, line in enumerate(whole.splitlines(), 1)]
+    if not rows:
+        raise FileError(_no_record(file, 1))
+    return rows[0], rows[1:]
+
+
+def _row(file: Path, number: int, line: bytes) -> dict[str, Any]:
+    try:
+        row: object = parse_json(line)
     except ValueError as error:
-        raise ValueError(_no_record(file, number)) from error
+        raise FileError(_no_record(file, number)) from error
     if not isinstance(row, dict):
-        raise ValueError(_no_record(file, number))  # noqa: TRY004 - a file's content
-    return cast("dict[str, Any]", row)
+        raise FileError(_no_record(file, number))
+    found = cast("dict[str, Any]", row)
+    if not (_is_header(found) if number == 1 else _is_picture(found)):
+        raise FileError(_no_record(file, number))
+    return found
+
+
+def _is_header(row: dict[str, Any]) -> bool:
+    schema: object = row.get("imgscale")
+    is_ours = schema == _SCHEMA and not isinstance(schema, bool)
+    return is_ours and isinstance(row.get("options"), dict)
+
+
+def _is_picture(row: dict[str, Any]) -> bool:
+    return isinstance(row.get("path"), str) and isinstance(row.get("error", {}), dict)
 
 
 def _check_header(file: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:
-    if found.get("imgscale") != _SCHEMA or not isinstance(found.get("options"), dict):
-        raise ValueError(_no_record(file, 1))
     theirs, ours = found["options"], wanted["options"]
     differing = sorted(
         name for name in theirs.keys() | ours.keys() if theirs.get(name) != ours.get(name)
@@ -130,7 +164,7 @@ def _check_header(file: Path, found: dict[str, Any], wanted: dict[str, Any]) -> 
     if differing:
         msg = (
             f"`record` must have been made with the same options; {file} was made with other "
-            f"{', '.join(differing)}. Give another file, or the options of that run."
+            f"{cut(', '.join(differing))}. Give another file, or the options of that run."
         )
         raise ValueError(msg)
 

@@ -8,17 +8,12 @@ from typing import Any
 
 import attrs
 
-from imgscale._checks import nan_as_none
+from imgscale._checks import nan_as_none, nans_as_none
 from imgscale._typing import Box, SizeAxis
 
 __all__ = ["OUTLIER", "Reference", "numbered_labels", "references_of_columns"]
 
 OUTLIER = "outlier"
-
-
-def _nans_as_none(values: tuple[float, ...]) -> tuple[float | None, ...]:
-    """Make points that are not known equal."""
-    return tuple(nan_as_none(value) for value in values)
 
 
 # an image has one for each detection: without slots they are made in half the time
@@ -78,7 +73,7 @@ class Reference:
     label: str
     prior_label: str
     xyxy: Box
-    foot_xy: tuple[float, float] = attrs.field(eq=_nans_as_none)
+    foot_xy: tuple[float, float] = attrs.field(eq=nans_as_none)
     axis: SizeAxis
     pixels: float = attrs.field(eq=nan_as_none)
     depth: float = attrs.field(eq=nan_as_none)

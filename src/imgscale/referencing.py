@@ -10,7 +10,7 @@ import numpy as np
 
 from imgscale._typing import FloatArray, IntArray
 from imgscale.core.evidence import REJECTED
-from imgscale.core.predictive import explained, measured
+from imgscale.core.predictive import explained, in_parts, measured
 from imgscale.core.sighting import log_scales
 from imgscale.core.solving import Cases, Estimate
 from imgscale.core.witnesses import Sized
@@ -141,11 +141,14 @@ def _said(
     """Gather what the solutions say of candidates of the size `log_own` for k = 1."""
     own = np.arange(log_own.size)
     rejected = belief.trust < REJECTED
-    log_size, log_std, z_score = explained(cases, candidates, own)
-    if rejected.any():  # its prior does not hold for it: what is left is its measurement
-        lost = candidates.rows(rejected)
-        log_std[rejected] = measured(cases, lost).half_width()
-        log_size[rejected] = estimate.log_k[0] + log_own[rejected]
+    log_size, log_std, z_score = np.empty((3, own.size))
+    cases, parts = in_parts(cases, candidates)
+    for here in parts:
+        log_size[here], log_std[here], z_score[here] = explained(cases, candidates.rows(here), here)
+        lost = here[rejected[here]]
+        if lost.size:  # its prior does not hold for it: what is left is its measurement
+            log_std[lost] = measured(cases, candidates.rows(lost)).half_width()
+            log_size[lost] = estimate.log_k[0] + log_own[lost]
     posterior_m = np.exp(log_size)
     return np.array(
         [

@@ -120,13 +120,10 @@ def fit_shared(
     _check_alike(kept)
     kept = _with_noise_learned(kept)
     if kept[0].setting.kind in {"metric", "ground_plane"}:
-        settings = _with_scale_shared(kept)
+        kept = _with_scale_shared(kept)
     else:
-        settings = _with_offsets_shared(kept)
-    return [
-        fit_observed(frame.detections, frame.obs, setting)
-        for frame, setting in zip(kept, settings, strict=True)
-    ]
+        kept = _with_offsets_shared(kept)
+    return [fit_observed(frame.detections, frame.obs, frame.setting) for frame in kept]
 
 
 class _Kept(NamedTuple):
@@ -274,7 +271,7 @@ def _pooled_problem(pool: _Pool, setting: Setting) -> Problem:
     return problem_of_columns(pool.witnesses, setting)
 
 
-def _with_scale_shared(kept: Sequence[_Kept]) -> list[Setting]:
+def _with_scale_shared(kept: Sequence[_Kept]) -> list[_Kept]:
     """Let every frame know what the others say of k and of the plane."""
     pooled = _thinned(kept)
     jitter_px = _jitter(pooled)
@@ -285,7 +282,7 @@ def _with_scale_shared(kept: Sequence[_Kept]) -> list[Setting]:
     rows = pooled_rows(pool.witnesses, pool.repeats, cases, found)
     everyone = totals(rows, pool.witnesses.group, len(pool.keys))
     origin = _origin(cases.best)
-    settings: list[Setting] = []
+    informed: list[_Kept] = []
     number = 0
     for frame in kept:
         is_pooled = number < len(pooled) and frame is pooled[number]
@@ -308,8 +305,8 @@ def _with_scale_shared(kept: Sequence[_Kept]) -> list[Setting]:
             inconsistent=bool(found.inconsistent[0]),
             **_plane(others, cases.best),
         )
-        settings.append(frame.setting._replace(shared=shared))
-    return settings
+        informed.append(frame._replace(setting=frame.setting._replace(shared=shared)))
+    return informed
 
 
 def _origin(best: Nuisance) -> FloatArray:
@@ -410,7 +407,7 @@ def _jitter(pooled: Sequence[_Kept]) -> float:
     return math.sqrt(float(weight @ levels**2))
 
 
-def _with_offsets_shared(kept: Sequence[_Kept]) -> list[Setting]:
+def _with_offsets_shared(kept: list[_Kept]) -> list[_Kept]:
     """Move the means of all labels by what the frames say of them together."""
     pooled = _thinned(kept)
     pool = _pool(pooled, [_eligible(frame, 0.0) for frame in pooled])
@@ -424,12 +421,17 @@ def _with_offsets_shared(kept: Sequence[_Kept]) -> list[Setting]:
         part = pooled_rows(references, pool.repeats[own], cases, found)
         rows = part if rows is None else rows.joined(part)
     if rows is None:
-        return [frame.setting for frame in kept]
+        return kept
     tau = np.zeros(len(pool.keys))
     tau[pool.witnesses.group] = pool.witnesses.tau
     offsets = common_offsets(rows, pool.witnesses.group, pool.frame, tau)
     priors = _moved(kept[0].setting.priors, dict(zip(pool.keys, offsets.tolist(), strict=True)))
-    return [frame.setting._replace(priors=priors) for frame in kept]
+    return [
+        frame._replace(
+            obs=frame.obs.with_priors(priors), setting=frame.setting._replace(priors=priors)
+        )
+        for frame in kept
+    ]
 
 
 def _moved(priors: PriorTable, offsets: Mapping[MeanKey | None, float]) -> PriorTable:

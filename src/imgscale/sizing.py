@@ -9,7 +9,7 @@ import numpy as np
 
 from imgscale._typing import BoolArray, FloatArray, IntArray
 from imgscale.core.mixture import MEDIAN, SCORES, half_width
-from imgscale.core.predictive import measured, measured_again, with_priors
+from imgscale.core.predictive import in_parts, measured, measured_again, with_priors
 from imgscale.core.sighting import log_scales
 from imgscale.core.solving import Cases
 from imgscale.core.witnesses import Sized
@@ -24,9 +24,6 @@ from imgscale.posing import Setting
 TWO_STD = int(np.searchsorted(SCORES, 2.0))
 # The central 92 % of a size's distribution.
 LOW, HIGH = (int(np.searchsorted(SCORES, score)) for score in (-1.75, 1.75))
-# Objects are sized so many at once that their components stay below this, yet never one by one;
-# of a posterior grid about so many points count.
-_COMPONENTS, _LEAST_AT_ONCE, _POINTS = 1_000_000, 16, 100
 # How many times as near or far as the references' range a shift is not trusted.
 FAR_OFF = 2.0
 
@@ -161,24 +158,14 @@ def size_up(cases: Cases, wanted: Wanted) -> Sizes:
         One row each: without a prior the median is exactly k d p, where one witness tells d and
         k d p is not far off in the distribution of the size.
     """
-    count, at_once = wanted.own.size, _at_once(cases, wanted)
-    if count <= at_once:
+    cases, rows = in_parts(cases, wanted.subjects)
+    if len(rows) <= 1:
         return _size_up(cases, wanted)
-    parts = [
-        _size_up(cases, wanted.rows(np.arange(start, min(start + at_once, count), dtype=np.intp)))
-        for start in range(0, count, at_once)
-    ]
+    parts = [_size_up(cases, wanted.rows(part)) for part in rows]
     arrays = zip(*(part[:-1] for part in parts), strict=True)
     columns: list[Any] = [np.concatenate(column) for column in arrays]
     is_normal = all(part.is_normal for part in parts)
     return Sizes(*columns)._replace(is_normal=is_normal)
-
-
-def _at_once(cases: Cases, wanted: Wanted) -> int:
-    """Tell how many objects memory allows."""
-    points = 1 if cases.grid is None else _POINTS
-    width: int = len(cases.log_weight) * points * wanted.subjects.prior.share.shape[1]
-    return max(_LEAST_AT_ONCE, _COMPONENTS // max(width, SCORES.size))
 
 
 def _size_up(cases: Cases, wanted: Wanted) -> Sizes:

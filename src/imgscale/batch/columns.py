@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from sys import float_info
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +15,7 @@ from imgscale._checks import (
     as_optional_float,
     check_choice,
     check_type,
+    is_between,
     number_error,
 )
 from imgscale._depth_values import (
@@ -61,8 +63,21 @@ REASONS = ("", "no prior", "partial", "no depth", "outlier", "one depth")
 
 # Objects that are worked on at once.
 _SLAB = 1_048_576
+_RANGE = "from 1e-100 to 1e100"
+_LEAST, _MOST = 1e-100, 1e100  # of pixels and depths, whose ratios and squares must be numbers
 
 
+_T = TypeVar("_T")
+
+
+def _by_identity(kind: type[_T]) -> type[_T]:
+    """Compare tuples of arrays by identity: of arrays, equality is no one truth."""
+    for name in ("__eq__", "__ne__", "__hash__"):
+        setattr(kind, name, getattr(object, name))
+    return kind
+
+
+@_by_identity
 class ImageColumns(NamedTuple):
     """
     The models of M images, by increasing id.
@@ -91,6 +106,7 @@ class ImageColumns(NamedTuple):
     n_used: WholeArray
 
 
+@_by_identity
 class RowColumns(NamedTuple):
     """
     What was found of N objects, in the order given.
@@ -121,9 +137,10 @@ class RowColumns(NamedTuple):
     flags: WholeArray
 
 
+@_by_identity
 class BatchResult(NamedTuple):
     """
-    What `fit_columns` found.
+    What `fit_columns` found. Equal only to itself, and so are its columns.
 
     Attributes
     ----------
@@ -272,7 +289,7 @@ def _checked(
     check_choice("kind", kind, VALUE_KINDS)
     code, names = coded(label, labels)
     given: dict[str, Any] = {
-        "image_id": as_array("image_id", "one id per object", image_id),
+        "image_id": _as_ids(image_id),
         "label": code,
         "pixels": as_given(pixels),
         "depth": as_given(depth),
@@ -299,6 +316,18 @@ def _checked(
     )
 
 
+def _as_ids(image_id: ArrayLike) -> np.ndarray[Any, np.dtype[Any]]:
+    """Turn ids into an array that can be sorted."""
+    ids = as_array("image_id", "one id per object", image_id)
+    if ids.dtype.kind == "O" and not all(isinstance(one, str) for one in ids.flat):
+        msg = "`image_id` must be integers or strings; got other objects."
+        raise TypeError(msg)
+    if ids.dtype.kind == "f" and np.isnan(ids).any():
+        msg = f"`image_id` must tell the image of each object; got NaN at {np.isnan(ids).argmax()}."
+        raise ValueError(msg)
+    return ids
+
+
 def _options(
     kind: DepthKind,
     names: Sequence[str],
@@ -315,9 +344,9 @@ def _options(
     check_choice("method", method, METHODS)
     check_type("noise", noise, Noise)
     told = as_optional_float(depth_rel_std)
-    if told is not None and not 0 <= told < np.inf:
-        name = "depth_rel_std"
-        raise number_error(name, "finite and not negative", told)
+    if told is not None and not is_between(told, 0, _MOST):
+        name, lawful = "depth_rel_std", is_between(told, 0, float_info.max)
+        raise number_error(name, "at most 1e100" if lawful else "finite and not negative", told)
     table = PriorTable.default() if priors is None else priors
     check_type("priors", table, PriorTable, " Wrap rows as PriorTable([...]).")
     law, unknown_noise = LAWS[kind], told is None and noise.depth_rel is None
@@ -402,20 +431,26 @@ def _new_rows(count: int) -> RowResults:
 
 def _extents(pixels: Any, here: slice, order: IntArray | None) -> FloatArray:
     """Take a slab's extents, positive and finite."""
-    bad = ~(pixels > 0)
-    if pixels.dtype.kind == "f":
-        bad |= np.isinf(pixels)
+    bad = ~((pixels >= _LEAST) & (pixels <= _MOST))
     if bad.any():
-        _refuse("pixels", "finite and positive", pixels, bad, here, order)
+        lawful = bool(((pixels > 0) & np.isfinite(pixels)).all())
+        _refuse("pixels", _RANGE if lawful else "finite and positive", pixels, bad, here, order)
     return np.asarray(pixels, dtype=np.float64)
 
 
 def _depths(depth: Any, kind: DepthKind, here: slice, order: IntArray | None) -> FloatArray:
     """Take a slab's depths, valid ones or NaN."""
+    size = np.abs(depth)
     bad = ~(np.isnan(depth) | valid_depths(depth, kind))
+    lawful = not bad.any()
+    bad |= size > _MOST
+    if kind != "affine_inverse":  # which may be 0
+        bad |= size < _LEAST
     if bad.any():
         law = "finite" if kind == "affine_inverse" else "finite and positive"
-        _refuse("depth", f"{law}, or NaN where unknown", depth, bad, here, order)
+        _refuse(
+            "depth", f"{_RANGE if lawful else law}, or NaN where unknown", depth, bad, here, order
+        )
     return np.asarray(depth, dtype=np.float64)
 
 

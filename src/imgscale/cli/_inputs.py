@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PureWindowsPath
 from typing import Any, NamedTuple, TypeAlias
-from xml.etree import ElementTree as ET
 
 from imgscale._checks import within
+from imgscale._reading import read_bytes, read_json, read_text
 from imgscale._typing import ImageSize
 from imgscale.cli._messages import WrongUsageError, in_words
 from imgscale.cli._photos import by_name, by_stem, read_header
@@ -22,7 +22,9 @@ from imgscale.detectors import (
     read_pascal_voc,
     read_yolo,
 )
-from imgscale.detectors._files import as_table, identity, members, read_json, told_size
+from imgscale.detectors._files import as_table, identity, members, told_size
+from imgscale.detectors._xml import image_size, parse_annotation
+from imgscale.errors import FileError
 from imgscale.object_prior import normal_label
 
 DetectionSource: TypeAlias = Callable[[Path], list[Detection]]
@@ -86,10 +88,9 @@ def _from_single_files(form: _Format, options: Any, photos: Sequence[Path]) -> D
 def _class_names(path: Path) -> list[str]:
     """Read the name of each class, one a line."""
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        why = in_words(error) if isinstance(error, OSError) else f"{path}, which is not UTF-8."
-        msg = f"--class-names must be a text file in UTF-8, a name a line; got {why}"
+        lines = read_text(path).splitlines()
+    except (OSError, FileError) as error:
+        msg = f"--class-names must be a text file in UTF-8, a name a line; got {in_words(error)}"
         raise WrongUsageError(msg) from error
     names = [line.strip() for line in lines]
     while names and not names[-1]:
@@ -199,11 +200,7 @@ def _transformers(path: Path, size: ImageSize, asked: _Asked) -> list[Detection]
 
 def _pascal_voc(path: Path, size: ImageSize, asked: _Asked) -> list[Detection]:
     found = read_pascal_voc(path, one_based=not asked.zero_based)
-    # that has refused what XML must not hold
-    entry = ET.fromstring(path.read_bytes()).find("size")  # noqa: S314
-    if entry is not None:
-        told = {name: float(entry.findtext(name) or 0) for name in ("width", "height")}
-        _check_size(path, told_size(told), size)
+    _check_size(path, image_size(parse_annotation(read_bytes(path))), size)
     return found
 
 

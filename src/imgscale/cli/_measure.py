@@ -11,6 +11,7 @@ from typing import Any, TypeAlias, cast
 import attrs
 
 from imgscale._optional import require
+from imgscale._reading import read_json
 from imgscale._typing import ImageArray
 from imgscale.cli import _options
 from imgscale.cli._inputs import DetectionSource, check_labels, detection_source
@@ -42,7 +43,6 @@ from imgscale.cli._parser import measure_defaults
 from imgscale.cli._photos import find_photos
 from imgscale.cli._sources import camera_source, depth_source, known_sizes
 from imgscale.cli._tables import scale_text, sizes_table
-from imgscale.detectors._files import read_json
 from imgscale.measurement import Measurement
 from imgscale.model import ScaleModel
 from imgscale.picture import upright_rgb

@@ -14,13 +14,12 @@ from typing import Any, NamedTuple, Protocol, TextIO, TypeAlias
 
 import attrs
 
+from imgscale._tables import as_cell
 from imgscale._typing import ImageArray
 from imgscale.cli._messages import WrongUsageError, complain, in_words
 from imgscale.cli._photos import full_path
 from imgscale.depth import GroundPlane
 from imgscale.measurement import Measurement
-
-_BEGIN_FORMULA = tuple("=+-@\t\r\uff1d\uff0b\uff0d\uff20")  # the last four are full-width
 
 
 class Result(NamedTuple):
@@ -209,8 +208,7 @@ def columns(unit: str) -> tuple[str, ...]:
 
 def _cell(value: object) -> object:
     """Keep a spreadsheet from taking a text for a formula."""
-    is_formula = isinstance(value, str) and value.startswith(_BEGIN_FORMULA)
-    return f"'{value}" if is_formula else value
+    return as_cell(value) if isinstance(value, str) else value
 
 
 class JsonWriter:

@@ -7,8 +7,10 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+from imgscale._reading import decoding
 from imgscale._typing import ImageSize
 from imgscale.cli._messages import WrongUsageError
+from imgscale.picture import opened_picture
 
 T = TypeVar("T")
 K = TypeVar("K")
@@ -70,14 +72,9 @@ class Header(NamedTuple):
 
 def read_header(photo: Path) -> Header:
     """Read what a photo tells before its pixels."""
-    from PIL import ExifTags, Image  # noqa: PLC0415 - 20 ms that --help does not need
+    from PIL import ExifTags  # noqa: PLC0415 - 20 ms that --help does not need
 
-    try:
-        opened = Image.open(photo)
-    except (Image.DecompressionBombError, SyntaxError) as error:  # the latter of broken files
-        msg = f"{photo} cannot be opened: {error}"
-        raise ValueError(msg) from error
-    with opened as image:
+    with opened_picture(photo) as image, decoding(photo, "a picture"):
         width, height = image.size
         orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
         odd = orientation in _MIRRORED or (orientation in _TURNED and image.mode != "RGB")

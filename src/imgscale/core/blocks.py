@@ -337,10 +337,14 @@ def _next_step(
     """Step by the secant or, where that is too flat, by re-weighting; and if it is the last."""
     change = (before - gradient) * step
     sound = change > flattest * curvature * step**2
-    plain = gain * gradient / curvature
+    nowhere = curvature == 0
+    plain = gain * gradient / np.where(nowhere, 1.0, curvature)
     new = np.where(sound, gradient / np.where(sound, change, 1.0) * step**2, plain)
     limit = np.where(sound, _LAST_STEP, _LAST_PLAIN_STEP)
-    return new, np.abs(new) * np.sqrt(curvature) <= limit
+    is_last = np.abs(new) * np.sqrt(curvature) <= limit
+    if nowhere.any():  # no reference counts there: half of the way back
+        new, is_last = np.where(nowhere, -step / 2, new), is_last & ~nowhere
+    return new, is_last
 
 
 class _Ascent:

@@ -8,7 +8,7 @@ in Image", EasyChair preprint, 2023.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from imgscale._typing import FloatArray
 
@@ -66,7 +66,16 @@ def least_squares(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
     >>> float(k), shares.tolist()
     (0.02, [0.2, 0.8])
     """
-    predictor = np.asarray(x, dtype=np.float64)
-    products = predictor * np.asarray(y, dtype=np.float64)
+    predictor, of_x = _near_one(x)
+    sizes, of_y = _near_one(y)
+    products = predictor * sizes
     total: FloatArray = np.add.reduce(products, axis=0)
-    return total / np.add.reduce(predictor**2, axis=0), products / total
+    k: FloatArray = np.ldexp(total / np.add.reduce(predictor**2, axis=0), of_y - of_x)
+    return k, products / total
+
+
+def _near_one(values: ArrayLike) -> tuple[FloatArray, NDArray[np.int32]]:
+    """Take the power of 2 of the largest out of each image, exactly: squares do not overflow."""
+    array = np.asarray(values, dtype=np.float64)
+    power: NDArray[np.int32] = np.frexp(np.max(array, axis=0, initial=0.0))[1]
+    return np.ldexp(array, -power), power

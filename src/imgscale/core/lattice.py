@@ -601,7 +601,8 @@ def _blunted(away: FloatArray, offset: FloatArray, work: Scratch) -> FloatArray:
     np.copysign(near, away, out=near)
     far -= near
     density: FloatArray = ends[0]
-    np.multiply(away, away, out=density)
+    with np.errstate(over="ignore"):  # of what lies infinitely far: its density is 0
+        np.multiply(away, away, out=density)
     density *= -0.5
     np.exp(density, out=density)
     far *= density

@@ -119,9 +119,9 @@ class GridFit(NamedTuple):
         Number of references.
     laid : tuple
         Images, references and points of each piece.
-    kept : Piece or None
+    kept : tuple of Piece
         What is there, where there is but one piece. Many are evaluated again when they are looked
-        at: to keep them takes more time and memory.
+        at: to keep them takes more time and memory, unless one looks often.
     of_piece, image, group, row : ndarray of int
         In which piece each image is, and the number there of each image, group and reference.
     """
@@ -132,7 +132,7 @@ class GridFit(NamedTuple):
     kinds: FloatArray
     n_references: IntArray
     laid: tuple[tuple[IntArray, Ordered, Grid], ...]
-    kept: Piece | None
+    kept: tuple[Piece, ...]
     of_piece: IntArray
     image: IntArray
     group: IntArray
@@ -152,10 +152,21 @@ class GridFit(NamedTuple):
         Piece
             What is there.
         """
-        if self.kept is not None:
-            return self.kept
+        if self.kept:
+            return self.kept[number]
         _, block, grid = self.laid[number]
         return _evaluated(block, grid, Scratch())[0]
+
+    def keeping(self) -> GridFit:
+        """
+        Evaluate all pieces, to be looked at more than once.
+
+        Returns
+        -------
+        GridFit
+            The same, with every piece.
+        """
+        return self._replace(kept=tuple(self.piece(number) for number in range(len(self.laid))))
 
     def on_grid(self, image: int) -> tuple[FloatArray, FloatArray]:
         """
@@ -219,7 +230,7 @@ def fit_grid(obs: LogObservations) -> GridFit:
         kinds=kinds,
         n_references=block.image_size,
         laid=pieces,
-        kept=piece if len(pieces) == 1 else None,
+        kept=(piece,) if piece is not None and len(pieces) == 1 else (),
         of_piece=of_piece,
         image=image,
         group=group,

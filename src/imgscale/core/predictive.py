@@ -24,6 +24,37 @@ _FEW_SCORES: FloatArray = np.sort(np.append(_OF_WIDTHS, 0.0))
 _MIDDLE = _FEW_SCORES.size // 2
 # Points of a grid are widened to 0.6 steps: a Gaussian of theirs is then smooth within 1e-4.
 _BLEND = 0.6**2
+# Objects are looked at so many at once that their components stay below this, yet never one by one;
+# of a posterior grid about so many points count.
+_COMPONENTS, _LEAST_AT_ONCE, _POINTS = 1_000_000, 16, 100
+
+
+def in_parts(cases: Cases, subjects: Sized) -> tuple[Cases, list[IntArray]]:
+    """
+    Cut objects into as many at once as memory allows to look at, each under every case.
+
+    Parameters
+    ----------
+    cases : Cases
+        The solutions.
+    subjects : Sized
+        The objects.
+
+    Returns
+    -------
+    cases : Cases
+        The same, with what every part of one image's objects looks at.
+    parts : list of ndarray of int
+        Rows of each part.
+    """
+    points = 1 if cases.grid is None else _POINTS
+    width: int = len(cases.log_weight) * points * subjects.prior.share.shape[1]
+    at_once = max(_LEAST_AT_ONCE, _COMPONENTS // max(width, SCORES.size))
+    rows: IntArray = np.arange(subjects.image.size, dtype=np.intp)
+    parts = [rows[start : start + at_once] for start in range(0, rows.size, at_once)]
+    if cases.grid is not None and cases.log_weight.shape[1] == 1 and len(parts) > 1:
+        cases = cases._replace(grid=cases.grid.keeping())
+    return cases, parts
 
 
 def scale_of(cases: Cases) -> Mixture:

@@ -19,10 +19,10 @@ from imgscale.core.witnesses import Nuisance, Sized, numbered, repeated
 
 # One object in ten that might stand on the plane does not, or shows no foot.
 _OFF_PLANE = 0.1
-# A reference seen above the horizon is wrong, one in twenty, and tells nothing of k: it counts as
-# a camera height of 1.7 m within a factor of e.
+# A reference seen above the horizon is wrong, one in twenty, and tells next to nothing of k: it
+# counts as one as tall as the camera is high, within a factor of e.
 _BEYOND = float(np.finfo(np.float64).max)
-_LOST_LOG_WEIGHT, _LOST_LOG_K, _LOST_VAR = math.log(0.05), math.log(1.7), 1.0
+_LOST_LOG_WEIGHT, _LOST_VAR = math.log(0.05), 1.0
 
 
 class Sighting(NamedTuple):
@@ -255,7 +255,8 @@ def observe_under(witnesses: Sized, nuisance: Nuisance) -> LogObservations:
     log_size, noise_var = sighting.log_size, sighting.variance
     lost: BoolArray = log_size > _BEYOND
     if lost.any():
-        log_size = np.where(lost, witnesses.prior_log - _LOST_LOG_K, log_size)
+        gap = 0.0 if nuisance.gap is None else nuisance.gap[:, witnesses.image]
+        log_size = np.where(lost, gap, log_size)
         noise_var = np.where(lost, _LOST_VAR, noise_var)
     middle, spread = log_size[0], noise_var[0]
     if len(log_size) > 1:

@@ -22,6 +22,7 @@ import attrs
 import numpy as np
 
 from imgscale._checks import as_known_image_size, check_choice, positive_number, within
+from imgscale._reading import decoding, number_of, quoted, read_text
 from imgscale._typing import BoolArray, FloatArray, ImageArray, ImageSize
 from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, ObjectDepths
@@ -31,6 +32,7 @@ from imgscale.depth_sources.stereo import StereoDepth
 from imgscale.detection import Detection
 from imgscale.detectors.kitti import KittiObject, objects_from_kitti
 from imgscale.frame import Frame
+from imgscale.picture import opened_picture
 
 __all__ = ["KittiFrame", "object_frames", "scene_flow_frame"]
 
@@ -337,7 +339,7 @@ def _needed(path: Path, what: str) -> Path:
 
 
 def _text(path: Path, what: str) -> str:
-    return _needed(path, what).read_text(encoding="utf-8")
+    return read_text(_needed(path, what))
 
 
 def _matrices(path: Path, remedy: str = "") -> dict[str, str]:
@@ -351,11 +353,11 @@ def _matrices(path: Path, remedy: str = "") -> dict[str, str]:
 def _matrix(path: Path, matrices: dict[str, str], key: str, shape: tuple[int, int]) -> FloatArray:
     words = matrices.get(key, "").split()
     try:
-        matrix = np.array([float(word) for word in words]).reshape(shape)
+        matrix = np.array([number_of(word) for word in words]).reshape(shape)
     except ValueError:
         matrix = np.full(shape, np.nan)
     if not np.isfinite(matrix).all():
-        msg = f"{path}: {key} must be {shape[0] * shape[1]} numbers; got {' '.join(words)!r}."
+        msg = f"{path}: {key} must be {shape[0] * shape[1]} numbers; got {quoted(' '.join(words))}."
         raise ValueError(msg)
     return matrix
 
@@ -372,15 +374,8 @@ def _camera(projection: FloatArray, size: ImageSize | None) -> Camera:
 
 @contextmanager
 def _picture(path: Path, what: str) -> Generator[Any]:
-    from PIL import Image  # noqa: PLC0415 - 20 ms that most users do not need
-
-    _needed(path, what)
-    try:
-        with Image.open(path) as picture:
-            yield picture
-    except (OSError, SyntaxError) as error:  # Pillow's own for what is no whole PNG
-        msg = f"{path} must be a whole picture; reading it failed: {error}"
-        raise ValueError(msg) from error
+    with opened_picture(_needed(path, what)) as picture, decoding(path, "a picture"):
+        yield picture
 
 
 def _picture_size(path: Path, what: str = "left picture") -> ImageSize:

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
+import lzma
+import math
 import re
+import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imgscale._checks import positive_number, within
-from imgscale._depth_values import METRIC_SCALES
+from imgscale._checks import as_image_size, check_choice, positive_number
+from imgscale._depth_values import METRIC_SCALES, VALUE_KINDS
+from imgscale._reading import check_limit, cut, decoding, in_file, number_of, open_file
 from imgscale._typing import DepthKind, FloatArray
 from imgscale.depth_map import DepthMap
+from imgscale.errors import FileError
 
 __all__ = ["read_depth", "read_values"]
+
+_MAX_PIXELS = 200_000_000
 
 
 def read_depth(
@@ -27,6 +35,7 @@ def read_depth(
     key: str | None = None,
     image_size: Sequence[int] | None = None,
     scale_rel_std: float = 0.0,
+    max_pixels: int = _MAX_PIXELS,
 ) -> DepthMap:
     """
     Read a depth map from a file.
@@ -47,6 +56,8 @@ def read_depth(
         Size of the image that boxes refer to, in pixels; the map's own size where omitted.
     scale_rel_std : float
         Relative standard error of the map's scale as a whole, >= 0.
+    max_pixels : int
+        As for `read_values`.
 
     Returns
     -------
@@ -55,10 +66,12 @@ def read_depth(
 
     Raises
     ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the file cannot be a depth map, or an argument breaks its law.
+    FileError
+        If the file cannot be a depth map; the message names it.
+    OSError
+        If there is no such file, or it may not be read.
+    ValueError, TypeError
+        If an argument breaks its law.
 
     See Also
     --------
@@ -71,15 +84,21 @@ def read_depth(
     >>> from imgscale.depth_sources.files import read_depth
     >>> source = lambda image: read_depth("depth.png", kind="metric", scale=1000)
     """
+    check_choice("kind", kind, VALUE_KINDS)
+    as_image_size(image_size)
     if scale is None and kind != "metric":
         scale = 1.0
-    values = read_values(path, scale=scale, key=key)
-    with within(path):
+    values = read_values(path, scale=scale, key=key, max_pixels=max_pixels)
+    with in_file(path):
         return DepthMap(values, kind=kind, image_size=image_size, scale_rel_std=scale_rel_std)
 
 
 def read_values(
-    path: str | PathLike[str], *, scale: float | None = None, key: str | None = None
+    path: str | PathLike[str],
+    *,
+    scale: float | None = None,
+    key: str | None = None,
+    max_pixels: int = _MAX_PIXELS,
 ) -> FloatArray:
     """
     Read the numbers of a depth or disparity file.
@@ -105,6 +124,9 @@ def read_values(
         millimetres 1000, TUM 5000. Floats are taken as they are where omitted; integers need it.
     key : str, optional
         Name of the array in an NPZ file of several.
+    max_pixels : int
+        Most values that are read, above 0. A file that says that it has more is refused before
+        memory is taken. The default takes 1.6 GB.
 
     Returns
     -------
@@ -114,11 +136,13 @@ def read_values(
 
     Raises
     ------
-    FileNotFoundError
-        If there is no such file.
-    ValueError
-        If the ending is another, the file is broken or of another format than it says, or does not
-        hold one channel of more than 8 bits, or integers come without `scale`.
+    FileError
+        If the file is broken, of another format than its ending says, larger than `max_pixels`, a
+        folder or pipe, or does not hold one channel of more than 8 bits. The message names it.
+    OSError
+        If there is no such file, or it may not be read.
+    ValueError, TypeError
+        If the ending is another, an argument breaks its law, or integers come without `scale`.
 
     Examples
     --------
@@ -149,38 +173,62 @@ def read_values(
         msg = f"`key` must be omitted but for .npz files; got {key!r} for {path}."
         raise ValueError(msg)
     divisor = None if scale is None else positive_number("scale", scale)
-    stored = _decode(path, ending, key)
-    _check_is_one_channel(path, stored)
+    check_limit("max_pixels", max_pixels)
+    stored = _decode(path, ending, _Asked(path, key, max_pixels))
     return _scaled(path, stored, divisor)
 
 
-def _decode(path: str | PathLike[str], ending: str, key: str | None) -> NDArray[Any]:
+def _decode(path: str | PathLike[str], ending: str, asked: _Asked) -> NDArray[Any]:
     """Read a file; whatever a library says of a broken one, say which file it is."""
-    with Path(path).open("rb") as file:
-        try:
-            return _READERS[ending](file, key)
-        except Exception as error:
-            msg = f"{path} cannot be read as {ending[1:].upper()}: {error}"
-            raise ValueError(msg) from error
+    with open_file(path) as file, decoding(path, ending[1:].upper()):
+        return _READERS[ending](file, asked)
 
 
-def _check_is_one_channel(path: str | PathLike[str], stored: NDArray[Any]) -> None:
-    if stored.dtype.kind not in "fiu":
-        msg = f"{path} must hold real numbers; got dtype {stored.dtype}."
-        raise ValueError(msg)
-    if stored.ndim != 2 or stored.size == 0:
-        msg = (
-            f"{path} must hold one channel, (H, W); got shape {stored.shape}. A picture in colour "
-            "is for looking at; decode one that packs depth into colours by its own rule, and "
-            "pass the values to DepthMap."
-        )
-        raise ValueError(msg)
-    if stored.dtype.itemsize == 1:
-        msg = (
-            f"{path} must hold more than 8 bits per pixel; got dtype {stored.dtype}, a picture for "
-            "looking at. Use the file with the values themselves."
-        )
-        raise ValueError(msg)
+class _Asked(NamedTuple):
+    """What is wanted of a file: the name of the file for messages, of an array, and a limit."""
+
+    path: str | PathLike[str]
+    key: str | None
+    max_pixels: int
+
+    def check(self, shape: Sequence[int], dtype: np.dtype[Any]) -> None:
+        """
+        Raise, before memory is taken, for what is no map of one channel or a huge one.
+
+        Parameters
+        ----------
+        shape : sequence of int
+            What the file says of its values.
+        dtype : dtype
+            Their type.
+
+        Raises
+        ------
+        FileError
+            If they are no such map.
+        """
+        if dtype.kind not in "fiu":
+            msg = f"{self.path} must hold real numbers; got dtype {dtype}."
+            raise FileError(msg)
+        if len(shape) != 2 or 0 in shape:
+            msg = (
+                f"{self.path} must hold one channel, (H, W); got shape {tuple(shape)}. A picture "
+                "in colour is for looking at; decode one that packs depth into colours by its own "
+                "rule, and pass the values to DepthMap."
+            )
+            raise FileError(cut(msg))
+        if dtype.itemsize == 1:
+            msg = (
+                f"{self.path} must hold more than 8 bits per pixel; got dtype {dtype}, a picture "
+                "for looking at. Use the file with the values themselves."
+            )
+            raise FileError(msg)
+        if math.prod(shape) > self.max_pixels:
+            msg = (
+                f"{self.path} must hold at most {self.max_pixels} values; got {shape[1]} x "
+                f"{shape[0]}. Give a larger `max_pixels` where you trust it."
+            )
+            raise FileError(cut(msg))
 
 
 def _scaled(path: str | PathLike[str], stored: NDArray[Any], divisor: float | None) -> FloatArray:
@@ -192,69 +240,168 @@ def _scaled(path: str | PathLike[str], stored: NDArray[Any], divisor: float | No
             f"that stands for 1 metre or pixel. Usual ones: {METRIC_SCALES}."
         )
         raise ValueError(msg)
-    values = stored.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # of NaNs that signal
+        values = stored.astype(np.float64)
     values[~np.isfinite(values) if is_float else stored <= 0] = np.nan
     return values / (divisor or 1.0)
 
 
-def _read_png(file: BinaryIO, _: str | None) -> NDArray[Any]:
+def _read_png(file: BinaryIO, asked: _Asked) -> NDArray[Any]:
     """Decode a PNG; a palette gives its 8-bit indices, which are refused as such."""
-    from PIL import Image  # noqa: PLC0415 - 20 ms that most users do not need
+    from PIL.PngImagePlugin import PngImageFile  # noqa: PLC0415 - 20 ms that few users need
 
-    with Image.open(file, formats=("PNG",)) as image:
+    # not Image.open(), which has a limit of its own for all pictures of a program
+    with PngImageFile(file) as image:
+        grey = image.mode[0] in "1LPI" and len(image.getbands()) == 1
+        shape = image.size[::-1] if grey else (*image.size[::-1], len(image.getbands()))
+        asked.check(shape, _PNG_TYPES.get(image.mode, _PNG_TYPES["L"]))
         return np.asarray(image)
 
 
-def _read_numpy(file: BinaryIO, key: str | None) -> NDArray[Any]:
-    """Decode an array, or that of an archive which has the name or no neighbour."""
-    loaded: Any = np.load(file, allow_pickle=False)
-    if not hasattr(loaded, "files"):
-        return np.asarray(loaded)
-    names: list[str] = loaded.files
-    name = names[0] if key is None and len(names) == 1 else key
-    if name not in names:
-        msg = (
-            f"`key` must be one of its arrays, {', '.join(sorted(names)) or '(none)'}; got {key!r}."
-        )
+_PNG_TYPES = {
+    "1": np.dtype(bool), "L": np.dtype(np.uint8), "P": np.dtype(np.uint8),
+    "I": np.dtype(np.int32), "I;16": np.dtype(np.uint16),
+}  # fmt: skip
+
+
+def _read_npy(file: BinaryIO, asked: _Asked) -> NDArray[Any]:
+    """Decode one array of numbers; pickled objects are not."""
+    shape, dtype, by_columns = _npy_header(file)
+    asked.check(shape, dtype)
+    return _values(file, dtype, shape, order="F" if by_columns else "C")
+
+
+# numpy writes one line; the parts are looked up one by one, as others write other spaces
+_NPY_TYPE = re.compile(rb"""['"]descr['"]\s*:\s*['"]([^'"]{1,20})['"]""")
+_NPY_ORDER = re.compile(rb"""['"]fortran_order['"]\s*:\s*(True|False)""")
+_NPY_SHAPE = re.compile(rb"""['"]shape['"]\s*:\s*\(([\dL,\s]*)\)""")
+_LONGEST_HEADER = 10_000  # as numpy's own
+
+
+def _npy_header(file: BinaryIO) -> tuple[tuple[int, ...], np.dtype[Any], bool]:
+    """Read the shape, type and order; numpy's own way is to evaluate a Python expression."""
+    begin = file.read(8)
+    wide = begin[6:7] != b"\x01"
+    length = int.from_bytes(file.read(4 if wide else 2), "little")
+    if begin[:6] != b"\x93NUMPY" or begin[6:] not in _NPY_VERSIONS:
+        msg = "it must begin as numpy's files do, with a version from 1.0 to 3.0."
         raise ValueError(msg)
-    return np.asarray(loaded[name])
+    if length > _LONGEST_HEADER:
+        msg = f"its header must have at most {_LONGEST_HEADER} bytes; got {length}."
+        raise ValueError(msg)
+    header = file.read(length)
+    found = [part.search(header) for part in (_NPY_TYPE, _NPY_ORDER, _NPY_SHAPE)]
+    if len(header) < length or not all(found):
+        msg = f"its header must tell a type of numbers, an order and a shape; got {header[:200]!r}."
+        raise ValueError(msg)
+    dtype, order, shape = (part[1].decode("ascii") for part in found if part)
+    lengths = tuple(int(word) for word in shape.replace("L", "").split(",") if word.strip())
+    return lengths, _numpy_type(dtype), order == "True"
+
+
+_NPY_VERSIONS = (b"\x01\x00", b"\x02\x00", b"\x03\x00")
+
+
+def _numpy_type(code: str) -> np.dtype[Any]:
+    """Tell a type by its code; other codes than of one number each could mean anything."""
+    if not re.fullmatch(r"[<>|=]?([?bO]|[biufcmMOSUV]\d*)", code):
+        msg = f"it must hold real numbers; got dtype {code!r}."
+        raise ValueError(msg)
+    return np.dtype(code)
+
+
+def _read_npz(file: BinaryIO, asked: _Asked) -> NDArray[Any]:
+    """Decode the array of an archive which has the name or no neighbour."""
+    with zipfile.ZipFile(file) as archive:
+        members = [member.removesuffix(".npy") for member in archive.namelist()]
+        key = members[0] if asked.key is None and len(members) == 1 else asked.key
+        if key is None or members.count(key) != 1:
+            listed = ", ".join(sorted(members)) or "(none)"
+            msg = f"`key` must be one of its arrays, {listed}; got {asked.key!r}."
+            raise ValueError(msg)
+        with archive.open(archive.infolist()[members.index(key)]) as member:
+            return _read_npy(cast("BinaryIO", member), asked)
+
+
+def _values(
+    file: BinaryIO, dtype: np.dtype[Any], shape: Sequence[int], order: Literal["C", "F"] = "C"
+) -> NDArray[Any]:
+    """Read exactly what is left of a file."""
+    needed = math.prod(shape) * dtype.itemsize
+    content = file.read(needed + 1)  # the end tells an archive's check sum
+    if len(content) != needed:
+        held = f"more than {needed}" if len(content) > needed else len(content)
+        msg = f"{shape[1]} x {shape[0]} values must take {needed} bytes; got {held}."
+        raise ValueError(msg)
+    return np.frombuffer(content, dtype).reshape(shape, order=order)
 
 
 # one white space ends the header; some writers end lines in two characters
 _PFM_HEADER = re.compile(rb"(P[Ff])\s+(\d+)\s+(\d+)\s+(\S+)(?:\r\n|\s)")
+_LONGEST_PFM_HEADER = 1000
 
 
-def _read_pfm(file: BinaryIO, _: str | None) -> NDArray[Any]:
+def _read_pfm(file: BinaryIO, asked: _Asked) -> NDArray[Any]:
     """Decode a portable float map; a negative scale says that the lowest byte comes first."""
-    content = file.read()
-    header = _PFM_HEADER.match(content)
+    header = _PFM_HEADER.match(file.read(_LONGEST_PFM_HEADER))
     if header is None:
         msg = "it must begin with Pf, width, height and scale."
         raise ValueError(msg)
-    magic, width, height, scale = header.groups()
-    if not abs(float(scale)) > 0:
-        msg = f"its scale, whose sign tells the byte order, must not be 0; got {float(scale)}."
+    magic, width, height, word = header.groups()
+    scale = number_of(word.decode("latin-1"))
+    if not 0 < abs(scale) < math.inf:
+        msg = (
+            "its scale, whose sign tells the byte order, must be a number and must not be 0; got "
+            f"{word[:100].decode('latin-1')}."
+        )
         raise ValueError(msg)
-    shape = (int(height), int(width), 1 if magic == b"Pf" else 3)
-    dtype = np.dtype("<f4" if float(scale) < 0 else ">f4")
-    needed, held = int(np.prod(shape)) * dtype.itemsize, len(content) - header.end()
-    if needed != held:
-        msg = f"{shape[1]} x {shape[0]} values must take {needed} bytes; got {held}."
-        raise ValueError(msg)
-    rows = np.frombuffer(content, dtype, offset=header.end()).reshape(shape)[::-1]
-    return rows[:, :, 0] if magic == b"Pf" else rows
+    colours = () if magic == b"Pf" else (3,)
+    shape = (int(height), int(width), *colours)
+    dtype = np.dtype("<f4" if scale < 0 else ">f4")
+    asked.check(shape, dtype)
+    file.seek(header.end())
+    return _values(file, dtype, shape)[::-1]
 
 
-def _read_tiff(file: BinaryIO, _: str | None) -> NDArray[Any]:
+def _read_tiff(file: BinaryIO, asked: _Asked) -> NDArray[Any]:
+    """Decode a page; the shape of all is checked before any is."""
     import tifffile  # noqa: PLC0415 - comes with scikit-image; few users need it
 
-    imread: Any = tifffile.imread  # half typed there
-    return np.asarray(imread(file))
+    library: Any = tifffile  # half typed
+    with library.TiffFile(file) as tiff:
+        series = tiff.series[0]
+        asked.check(series.shape, series.dtype)
+        page = series.keyframe
+        told = (len(page.dataoffsets), len(page.databytecounts))
+        is_cut = not page.is_contiguous and told != (math.prod(page.chunked),) * 2
+        if is_cut or 0 in page.databytecounts or 0 in page.dataoffsets:
+            msg = "parts of its values are missing."
+            raise ValueError(msg)
+        _check_swelling(file, page)
+        return np.asarray(series.asarray())
 
 
-_READERS: dict[str, Callable[[BinaryIO, str | None], NDArray[Any]]] = {
-    ".npy": _read_numpy,
-    ".npz": _read_numpy,
+_SWELLING: dict[int, Any] = {
+    8: zlib.decompressobj, 32946: zlib.decompressobj, 34925: lzma.LZMADecompressor,
+}  # fmt: skip
+
+
+def _check_swelling(file: BinaryIO, page: Any) -> None:
+    """Raise where a part swells to more than its share of the page; tifffile would let it."""
+    if page.compression not in _SWELLING:
+        return
+    most = math.prod(page.chunks) * page.dtype.itemsize
+    for offset, length in zip(page.dataoffsets, page.databytecounts, strict=True):
+        file.seek(offset)
+        swollen = _SWELLING[page.compression]().decompress(file.read(length), most + 1)
+        if len(swollen) > most:
+            msg = f"a part of it must hold at most {most} bytes; got more."
+            raise ValueError(msg)
+
+
+_READERS: dict[str, Callable[[BinaryIO, _Asked], NDArray[Any]]] = {
+    ".npy": _read_npy,
+    ".npz": _read_npz,
     ".pfm": _read_pfm,
     ".png": _read_png,
     ".tif": _read_tiff,

@@ -2,35 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
-from os import PathLike
-from pathlib import Path
 from typing import Any, TypeGuard, cast
 
 from numpy.typing import NDArray
 
 from imgscale._checks import as_known_image_size
+from imgscale._reading import cut, number_of, quoted
 from imgscale._typing import BoolArray, ImageSize
-
-
-def read_json(path: str | PathLike[str]) -> Any:
-    """Parse a file of JSON; broken grammar or encoding is a ValueError that names the file."""
-    try:
-        return json.loads(Path(path).read_bytes())
-    except (RecursionError, ValueError) as error:
-        msg = f"{path} must hold JSON; got: {_why_no_json(error)}."
-        raise ValueError(msg) from error
-
-
-def _why_no_json(error: Exception) -> str:
-    """Tell what is wrong with a text; Python's own words are only good for its grammar."""
-    if isinstance(error, json.JSONDecodeError):
-        return str(error)
-    if isinstance(error, UnicodeDecodeError):
-        return f"a byte at {error.start} that is no text in UTF-8"
-    return "too deep a nesting" if isinstance(error, RecursionError) else "too long a number"
 
 
 def as_table(name: str, value: Any) -> Mapping[str, Any]:
@@ -46,7 +26,7 @@ def member(entry: Any, name: str) -> Any:
     known = as_table("entry", entry)
     if name not in known:
         listed = ", ".join(f"`{key}`" for key in known) or "nothing"
-        msg = f"`{name}` must be there; got {listed}."
+        msg = cut(f"`{name}` must be there; got {listed}.")
         raise ValueError(msg)
     return known[name]
 
@@ -89,17 +69,14 @@ def _is_unknown(length: Any) -> bool:
 
 
 def _seen(value: object) -> str:
-    return repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
+    return quoted(value) if isinstance(value, (str, int, float)) else type(value).__name__
 
 
 def finite_word(name: str, word: str) -> float:
     """Read a finite number out of text; raise under its name where it is none."""
-    try:
-        number = float(word)
-    except ValueError:
-        number = math.nan
+    number = number_of(word)
     if not math.isfinite(number):
-        msg = f"{name} must be a finite number; got {word!r}."
+        msg = f"{name} must be a finite number; got {quoted(word)}."
         raise ValueError(msg)
     return number
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from imgscale._checks import as_array, four_numbers, within
+from imgscale._reading import MAX_BYTES, check_limit, in_file, quoted, read_json
 from imgscale._typing import BoolArray, Box, ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
@@ -25,16 +26,18 @@ from imgscale.detectors._files import (
     member,
     members,
     polygon_mask,
-    read_json,
     told_size,
 )
 
 __all__ = ["from_coco", "read_coco"]
 
+_MAX_MASK_BYTES = 4_000_000_000
+
 _Picture = tuple[str, ImageSize | None]
 
 # A box that leaves the picture by more than this share of its side is suspected of being corners.
 _FAR_OUT = 0.05
+_LONGEST_RUN_BITS = 60
 
 
 def read_coco(
@@ -42,6 +45,8 @@ def read_coco(
     results_path: str | PathLike[str] | None = None,
     *,
     masks: bool = False,
+    max_bytes: int = MAX_BYTES,
+    max_mask_bytes: int = _MAX_MASK_BYTES,
 ) -> dict[str, list[Detection]]:
     """
     Read a COCO file of annotations, or one of results with the pictures' file.
@@ -54,6 +59,11 @@ def read_coco(
         The JSON file with a detector's list of results on those pictures.
     masks : bool
         Whether to read `segmentation` too, see `from_coco`.
+    max_bytes : int
+        Greatest length of a file in bytes; COCO's own for 2017 have 470 000 000. Parsed, a file
+        takes up to 30 times its length in memory.
+    max_mask_bytes : int
+        As for `from_coco`.
 
     Returns
     -------
@@ -63,18 +73,20 @@ def read_coco(
 
     Raises
     ------
-    ValueError, TypeError
-        If a file is not JSON, or as `from_coco` does; the message names the file.
+    FileError
+        If a file is not JSON, holds a name twice in an object, a NaN or an infinite number, is
+        longer than `max_bytes`, or holds what `from_coco` refuses; the message names the file.
     OSError
         If a file cannot be opened.
     """
-    dataset = read_json(path)
+    dataset = read_json(path, max_bytes)
     if results_path is None:
-        with within(path):
-            return from_coco(dataset, masks=masks)
-    results = as_list(str(results_path), read_json(results_path))
-    with within(f"{results_path} on {path}"):
-        return from_coco(dataset, results, masks=masks)
+        with in_file(path):
+            return from_coco(dataset, masks=masks, max_mask_bytes=max_mask_bytes)
+    with in_file(results_path):
+        results = as_list("results", read_json(results_path, max_bytes))
+    with in_file(f"{results_path} on {path}"):
+        return from_coco(dataset, results, masks=masks, max_mask_bytes=max_mask_bytes)
 
 
 def from_coco(
@@ -82,6 +94,7 @@ def from_coco(
     results: Sequence[Mapping[str, Any]] | None = None,
     *,
     masks: bool = False,
+    max_mask_bytes: int = _MAX_MASK_BYTES,
 ) -> dict[str, list[Detection]]:
     """
     Convert COCO's annotations, or a detector's results on the same pictures.
@@ -105,6 +118,9 @@ def from_coco(
         picture: a thousand of 640 x 480 pixels fill 300 MB. A mask that is empty in its box, as
         of a polygon too small to hold the centre of a pixel, is left out; depth is then read in
         the box.
+    max_mask_bytes : int
+        Most memory that all masks together may take, above 0: a file can claim any size of its
+        pictures.
 
     Returns
     -------
@@ -116,7 +132,8 @@ def from_coco(
     ------
     ValueError
         If something required is missing, an id unknown or double, a box empty, wholly outside
-        its picture or evidently given by its corners, a mask not of its picture's size. The
+        its picture or evidently given by its corners, a mask not of its picture's size or beyond
+        `max_mask_bytes`. The
         message names the entry.
     TypeError
         If something has another type than COCO's.
@@ -152,7 +169,9 @@ def from_coco(
     >>> found["7"][0].label
     'car'
     """
+    check_limit("max_mask_bytes", max_mask_bytes)
     pictures, labels = _pictures(dataset), _labels(dataset)
+    left = max_mask_bytes
     found: dict[str, list[Detection]] = {name: [] for name, _ in pictures.values()}
     source = "annotations" if results is None else "results"
     entries = members(dataset, source) if results is None else as_list(source, results)
@@ -162,7 +181,9 @@ def from_coco(
             name, size = _look_up(pictures, entry, "image_id", "images")
             label = _look_up(labels, entry, "category_id", "categories")
             box = _corners(member(entry, "bbox"), size)
-            mask = _mask(entry.get("segmentation"), size) if masks else None
+            is_crowd = _is_crowd(entry.get("iscrowd"))
+            mask = _mask(entry.get("segmentation"), size, left) if masks else None
+        left -= 0 if mask is None else mask.size
         score = entry.get("score")
         found[name].append(
             make_detection(
@@ -172,7 +193,7 @@ def from_coco(
                 image_size=size,
                 score=1.0 if score is None else score,
                 mask=mask,
-                partial=bool(entry.get("iscrowd")),
+                partial=is_crowd,
             )
         )
     return found
@@ -245,12 +266,25 @@ def _looks_like_corners(xywh: Box, size: ImageSize) -> bool:
     return far_out and x < width <= slack * size[0] and y < height <= slack * size[1]
 
 
-def _mask(segmentation: Any, size: ImageSize | None) -> BoolArray | None:
+def _is_crowd(value: Any) -> bool:
+    if value not in (None, 0, 1):
+        msg = f"`iscrowd` must be 0 or 1; got {quoted(value)}."
+        raise ValueError(msg)
+    return bool(value)
+
+
+def _mask(segmentation: Any, size: ImageSize | None, most: int) -> BoolArray | None:
     """Draw a segmentation in its picture; None where there is none."""
     if not segmentation:
         return None
     if not size:
         msg = "masks need the picture's `width` and `height` in `images`; got none."
+        raise ValueError(msg)
+    if math.prod(size) > most:
+        msg = (
+            f"masks must fit into `max_mask_bytes`; {most} are left for one of {size[0]} x "
+            f"{size[1]}. Give more, or masks=False."
+        )
         raise ValueError(msg)
     if isinstance(segmentation, Mapping):
         return _run_length_mask(segmentation, size)
@@ -273,12 +307,12 @@ def _run_length_mask(segmentation: Any, size: ImageSize) -> BoolArray:
     """Unroll lengths of runs, off and on by turns, down the columns one after the other."""
     shape, told = size[::-1], list(members(segmentation, "size"))
     if told != list(shape):
-        msg = f"`size` must be the picture's height and width, {list(shape)}; got {told}."
+        msg = f"`size` must be the picture's height and width, {list(shape)}; got {quoted(told)}."
         raise ValueError(msg)
     counts = member(segmentation, "counts")
     compressed = isinstance(counts, (str, bytes))
     runs = _run_lengths(counts) if compressed else as_list("counts", counts)
-    if not all(isinstance(run, int) and run >= 0 for run in runs) or sum(runs) != math.prod(shape):
+    if not all(type(run) is int and run >= 0 for run in runs) or sum(runs) != math.prod(shape):
         msg = (
             "`counts` must be whole numbers that sum to height x width, "
             f"{shape[0]} x {shape[1]}; got {len(runs)} that do not."
@@ -305,6 +339,9 @@ def _run_lengths(text: str | bytes) -> list[int]:
             raise ValueError(msg)
         value |= (bits & 31) << shift
         shift += 5
+        if shift > _LONGEST_RUN_BITS:
+            msg = "`counts` must hold numbers that some picture has; got one without end."
+            raise ValueError(msg)
         if bits < 32:
             value -= (1 << shift) if bits & 16 else 0
             runs.append(value + runs[-2] if len(runs) > 2 else value)

@@ -14,11 +14,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from os import PathLike
-from pathlib import Path
 
 import attrs
 
 from imgscale._checks import as_float, as_image_size, check_type, is_between, nan_as_none, within
+from imgscale._reading import MAX_BYTES, in_file, read_text
 from imgscale._typing import ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
@@ -114,6 +114,7 @@ def read_kitti(
     *,
     image_size: Sequence[int] | None = None,
     to_score: Callable[[float], float] | None = None,
+    max_bytes: int = MAX_BYTES,
 ) -> list[Detection]:
     """
     Read a KITTI label or result file.
@@ -126,6 +127,8 @@ def read_kitti(
         As for `from_kitti`.
     to_score : callable, optional
         As for `from_kitti`.
+    max_bytes : int
+        Greatest length of the file.
 
     Returns
     -------
@@ -134,13 +137,17 @@ def read_kitti(
 
     Raises
     ------
-    ValueError, TypeError
-        As `from_kitti` does, or if the file is not text in UTF-8; the message names the file.
+    FileError
+        If the file is not text in UTF-8, longer than `max_bytes`, or holds what `from_kitti`
+        refuses; the message names the file.
+    ValueError
+        If an argument breaks its law.
     OSError
         If the file cannot be opened.
     """
-    with within(path):
-        text = Path(path).read_text(encoding="utf-8-sig")
+    as_image_size(image_size)
+    with in_file(path):
+        text = read_text(path, max_bytes)
         return from_kitti(text, image_size=image_size, to_score=to_score)
 
 

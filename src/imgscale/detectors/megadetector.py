@@ -8,13 +8,16 @@ packages of that name write are another format.
 
 from __future__ import annotations
 
+import math
+import os
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from os import PathLike
 from pathlib import Path, PureWindowsPath
-from typing import Any
+from typing import Any, cast
 
-from imgscale._checks import as_image_size, four_numbers, is_between, within
+from imgscale._checks import as_float, as_image_size, four_numbers, is_between, within
+from imgscale._reading import MAX_BYTES, in_file, quoted, read_json
 from imgscale._typing import Box, ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
@@ -24,9 +27,10 @@ from imgscale.detectors._files import (
     identity,
     member,
     members,
-    read_json,
     told_size,
 )
+from imgscale.errors import FileError
+from imgscale.picture import opened_picture
 
 __all__ = ["from_megadetector", "read_megadetector"]
 
@@ -39,7 +43,10 @@ _TURNED, _QUARTER_TURNED, _MIRRORED = (3, 6, 8), (6, 8), (2, 4, 5, 7)
 
 
 def read_megadetector(
-    path: str | PathLike[str], *, image_folder: str | PathLike[str] | None = None
+    path: str | PathLike[str],
+    *,
+    image_folder: str | PathLike[str] | None = None,
+    max_bytes: int = MAX_BYTES,
 ) -> dict[str, list[Detection]]:
     """
     Read a file of MegaDetector's results.
@@ -53,6 +60,8 @@ def read_megadetector(
         from them where the results do not tell; only headers are read, and only of pictures with
         detections. MegaDetector turns pictures upright by their EXIF orientation first, and so
         are these sizes.
+    max_bytes : int
+        Greatest length of the JSON file. Parsed, it takes up to 30 times that in memory.
 
     Returns
     -------
@@ -61,15 +70,16 @@ def read_megadetector(
 
     Raises
     ------
-    ValueError, TypeError
-        If the file is not JSON or as `from_megadetector` does; if a picture cannot be read, or is
-        of a kind that MegaDetector does not turn upright: mirrored, or grey and turned. The
-        message names the file.
+    FileError
+        If the file is not JSON, holds a name twice in an object, a NaN or an infinite number, is
+        longer than `max_bytes`, or holds what `from_megadetector` refuses; if a picture cannot be
+        read, or is of a kind that MegaDetector does not turn upright: mirrored, or grey and
+        turned. The message names the file.
     OSError
         If the file cannot be opened.
     """
-    data = read_json(path)
-    with within(path):
+    data = read_json(path, max_bytes)
+    with in_file(path):
         sizes = {} if image_folder is None else _read_sizes(data, Path(image_folder))
         return from_megadetector(data, image_sizes=sizes)
 
@@ -235,21 +245,23 @@ def _names(
 
 
 def _rated_class(pair: Any) -> tuple[Any, float]:
-    try:
-        key, confidence = pair
-        return key, float(confidence)
-    except (TypeError, ValueError) as error:
-        msg = f"`classifications` must be pairs of a class and a confidence; got {pair!r}."
-        raise ValueError(msg) from error
+    lawful = isinstance(pair, (list, tuple)) and len(cast("Sequence[Any]", pair)) == 2
+    key, confidence = cast("tuple[Any, Any]", pair) if lawful else (None, math.nan)
+    number: object = as_float(confidence)
+    if not isinstance(number, float) or not math.isfinite(number):
+        msg = f"`classifications` must be pairs of a class and a confidence; got {quoted(pair)}."
+        raise ValueError(msg)
+    return key, number
 
 
 def _look_up(table: Mapping[str, Any], key: Any, name: str) -> str:
-    if str(key) not in table:  # some tools write numbers where the format has strings
-        msg = f"the category must be one of `{name}`; got {key!r}."
+    is_name = isinstance(key, (int, str)) and not isinstance(key, bool)
+    if not is_name or str(key) not in table:  # some tools write numbers, the format has strings
+        msg = f"the category must be one of `{name}`; got {quoted(key)}."
         raise ValueError(msg)
     label = table[str(key)]
     if not isinstance(label, str):
-        msg = f"`{name}` must name its categories by strings; got {label!r}."
+        msg = f"`{name}` must name its categories by strings; got {quoted(label)}."
         raise TypeError(msg)
     return label
 
@@ -278,21 +290,30 @@ def _read_sizes(data: Any, folder: Path) -> dict[str, ImageSize]:
         with within(f"images[{index}]"):
             file = _slashed(identity(image, "file"))
             if _entries(image) and not told_size(image):
-                sizes[file] = _read_size(folder / file)
+                sizes[file] = _read_size(_inside(folder, file))
     return sizes
 
 
+def _inside(folder: Path, file: str) -> Path:
+    """Join a name of the results to the folder, which a name such as ../a.jpg must not leave."""
+    path = Path(os.path.normpath(folder / file))
+    if not path.is_relative_to(os.path.normpath(folder)):
+        msg = f"`file` must lie in the folder of the pictures, {folder}; got {quoted(file)}."
+        raise ValueError(msg)
+    return path
+
+
 def _read_size(path: Path) -> ImageSize:
-    from PIL import ExifTags, Image  # noqa: PLC0415 - 20 ms that most users do not need
+    from PIL import ExifTags  # noqa: PLC0415 - 20 ms that most users do not need
 
     try:
-        with Image.open(path) as picture:
+        with opened_picture(path) as picture:
             width, height = picture.size
             orientation = picture.getexif().get(ExifTags.Base.Orientation, 1)
             colour = picture.mode == "RGB"
-    except OSError as error:
+    except (OSError, FileError) as error:
         msg = f"{path} must be a picture, to read its size; got: {error}."
-        raise ValueError(msg) from error
+        raise FileError(msg) from error
     if orientation in _MIRRORED or (orientation in _TURNED and not colour):
         msg = (
             f"{path} must be a picture that MegaDetector turns upright; it leaves EXIF orientation "

@@ -9,19 +9,21 @@ http://host.robots.ox.ac.uk/pascal/VOC/voc2012/devkit_doc.pdf.
 from __future__ import annotations
 
 from os import PathLike
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from imgscale._checks import within
+from imgscale._reading import MAX_BYTES, in_file, read_bytes
 from imgscale._typing import Box, ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import make_detection
-from imgscale.detectors._files import finite_word, told_size
+from imgscale.detectors._xml import image_size, number_in, parse_annotation, text_in
 
 __all__ = ["from_pascal_voc", "read_pascal_voc"]
 
 
-def read_pascal_voc(path: str | PathLike[str], *, one_based: bool = True) -> list[Detection]:
+def read_pascal_voc(
+    path: str | PathLike[str], *, one_based: bool = True, max_bytes: int = MAX_BYTES
+) -> list[Detection]:
     """
     Read a Pascal VOC annotation file.
 
@@ -31,6 +33,8 @@ def read_pascal_voc(path: str | PathLike[str], *, one_based: bool = True) -> lis
         The XML file.
     one_based : bool
         As for `from_pascal_voc`.
+    max_bytes : int
+        Greatest length of the file.
 
     Returns
     -------
@@ -39,13 +43,14 @@ def read_pascal_voc(path: str | PathLike[str], *, one_based: bool = True) -> lis
 
     Raises
     ------
-    ValueError, TypeError
-        As `from_pascal_voc` does; the message names the file.
+    FileError
+        If the file is longer than `max_bytes` or holds what `from_pascal_voc` refuses; the message
+        names the file.
     OSError
         If the file cannot be opened.
     """
-    with within(path):
-        return from_pascal_voc(Path(path).read_bytes(), one_based=one_based)
+    with in_file(path):
+        return from_pascal_voc(read_bytes(path, max_bytes), one_based=one_based)
 
 
 def from_pascal_voc(xml: str | bytes, *, one_based: bool = True) -> list[Detection]:
@@ -86,52 +91,19 @@ def from_pascal_voc(xml: str | bytes, *, one_based: bool = True) -> list[Detecti
     >>> dog.xyxy, dog.partial
     ((0.0, 10.0, 40.0, 50.0), True)
     """
-    annotation = _parse(xml)
-    with within("size"):
-        size = _image_size(annotation)
+    annotation = parse_annotation(xml)
+    size = image_size(annotation)
     return [
         _detection(f"object[{index}]", entry, size, one_based=one_based)
         for index, entry in enumerate(annotation.findall("object"))
     ]
 
 
-class _NoDocumentType(ET.TreeBuilder):
-    """Builds a tree of elements, and refuses a document type before its entities count."""
-
-    def doctype(self, *_: object) -> None:
-        msg = "the XML must have no DOCTYPE; annotations need none. Take it out."
-        raise ValueError(msg)
-
-
-def _parse(xml: object) -> ET.Element:
-    if not isinstance(xml, (str, bytes)):
-        msg = f"`xml` must be text or bytes; got {type(xml).__name__}."
-        raise TypeError(msg)
-    parser = ET.XMLParser(target=_NoDocumentType())  # noqa: S314 - entities need a document type
-    try:
-        parser.feed(xml)
-        root: ET.Element = parser.close()
-    except (ET.ParseError, LookupError, UnicodeError) as error:  # the last two of encodings
-        msg = f"the annotation must be well-formed XML; got: {error}."
-        raise ValueError(msg) from error
-    if root.tag != "annotation":
-        msg = f"the XML must be an <annotation>; got <{root.tag}>."
-        raise ValueError(msg)
-    return root
-
-
-def _image_size(annotation: ET.Element) -> ImageSize | None:
-    size = annotation.find("size")
-    if size is None:
-        return None
-    return told_size({name: _number(size, name) for name in ("width", "height")})
-
-
 def _detection(
     place: str, entry: ET.Element, size: ImageSize | None, *, one_based: bool
 ) -> Detection:
     with within(place):
-        label = _text(entry, "name")
+        label = text_in(entry, "name")
         box = _corners(entry, one_based=one_based)
         partial = _is_set(entry, "truncated") or _is_set(entry, "occluded")
     return make_detection(place, label, box, image_size=size, partial=partial)
@@ -142,7 +114,7 @@ def _corners(entry: ET.Element, *, one_based: bool) -> Box:
     if bounds is None:
         msg = "an object must have a <bndbox>; got none."
         raise ValueError(msg)
-    x1, y1, x2, y2 = (_number(bounds, name) for name in ("xmin", "ymin", "xmax", "ymax"))
+    x1, y1, x2, y2 = (number_in(bounds, name) for name in ("xmin", "ymin", "xmax", "ymax"))
     if not one_based:
         return (x1, y1, x2, y2)
     if min(x1, y1) < 1:
@@ -155,17 +127,4 @@ def _corners(entry: ET.Element, *, one_based: bool) -> Box:
 
 
 def _is_set(entry: ET.Element, name: str) -> bool:
-    return entry.find(name) is not None and _number(entry, name) > 0
-
-
-def _number(parent: ET.Element, name: str) -> float:
-    return finite_word(f"<{name}>", _text(parent, name))
-
-
-def _text(parent: ET.Element, name: str) -> str:
-    child = parent.find(name)
-    if child is None:
-        listed = ", ".join(f"<{element.tag}>" for element in parent) or "nothing"
-        msg = f"<{parent.tag}> must have <{name}>; got {listed}."
-        raise ValueError(msg)
-    return (child.text or "").strip()
+    return entry.find(name) is not None and number_in(entry, name) > 0

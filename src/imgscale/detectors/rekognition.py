@@ -27,6 +27,7 @@ from typing import Any, NamedTuple, cast
 import attrs
 
 from imgscale._checks import as_float, as_known_image_size, is_between, number_error
+from imgscale._reading import cut, quoted
 from imgscale._typing import Box, ImageArray, ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import has_area_in, make_detection
@@ -288,7 +289,7 @@ def _instance(
     instance = _mapping(place, entry)
     name = label.get("Name")
     if not isinstance(name, str) or not name.strip():
-        msg = f"{label_place}.Name must be a string that is not blank; got {name!r}."
+        msg = f"{label_place}.Name must be a string that is not blank; got {quoted(name)}."
         raise TypeError(msg)
     confidence = instance.get("Confidence")
     if confidence is None:
@@ -314,7 +315,7 @@ def _labels(response: Any) -> Sequence[Any]:
         raise TypeError(msg)
     found = cast("Mapping[str, Any]", response)
     if "Labels" not in found:
-        keys = ", ".join(map(str, found)) or "none"
+        keys = cut(", ".join(map(str, found))) or "none"
         msg = (
             f"`response` must hold Labels, as DetectLabels returns them; got the keys {keys}. "
             "Other operations are not read; Features, where given, must include GENERAL_LABELS."
@@ -352,7 +353,7 @@ def _names(place: str, label: Mapping[str, Any], key: str) -> tuple[str, ...]:
         if isinstance(entry, Mapping):
             name = cast("Mapping[str, Any]", entry).get("Name")
         if not isinstance(name, str) or not name.strip():
-            msg = f'{place}.{key}[{index}] must be a name or {{"Name": name}}; got {entry!r}.'
+            msg = f'{place}.{key}[{index}] must be a name or {{"Name": name}}; got {quoted(entry)}.'
             raise TypeError(msg)
         names.append(name)
     return tuple(names)

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 
 from imgscale._checks import as_known_image_size, check_iterable, check_type, within
+from imgscale._reading import MAX_BYTES, in_file, number_of, quoted, read_text
 from imgscale._typing import BoolArray, Box, FloatArray, ImageSize
 from imgscale.detection import Detection
 from imgscale.detectors._convert import known_classes, make_detection
@@ -32,6 +32,7 @@ def read_yolo(
     image_size: Sequence[int],
     class_names: Sequence[str] | Mapping[int, str],
     polygons: bool = False,
+    max_bytes: int = MAX_BYTES,
 ) -> list[Detection]:
     """
     Read a YOLO text file.
@@ -46,6 +47,8 @@ def read_yolo(
         As for `from_yolo`.
     polygons : bool
         As for `from_yolo`.
+    max_bytes : int
+        Greatest length of the file.
 
     Returns
     -------
@@ -54,14 +57,18 @@ def read_yolo(
 
     Raises
     ------
+    FileError
+        If the file is not text in UTF-8, longer than `max_bytes`, or holds what `from_yolo`
+        refuses; the message names the file.
     ValueError, TypeError
-        As `from_yolo` does, or if the file is not text in UTF-8; the message names the file.
+        If an argument breaks its law.
     OSError
         If the file cannot be opened. Some tools write none for a picture without objects.
     """
-    with within(path):
-        text = Path(path).read_text(encoding="utf-8-sig")
-        return from_yolo(text, image_size=image_size, class_names=class_names, polygons=polygons)
+    size, names = as_known_image_size(image_size), _names(class_names)
+    with in_file(path):
+        text = read_text(path, max_bytes)
+        return from_yolo(text, image_size=size, class_names=names, polygons=polygons)
 
 
 def from_yolo(
@@ -150,14 +157,11 @@ def _detection(
 
 
 def _label(word: str, names: Mapping[int, str]) -> str:
-    try:
-        number = float(word)
-    except ValueError:
-        number = -1.0
+    number = number_of(word)
     if number not in names:
         msg = (
-            f"the class must be a number with a name in `class_names`; got {word!r} and names for "
-            f"{known_classes(names)}"
+            f"the class must be a number with a name in `class_names`; got {quoted(word)} and "
+            f"names for {known_classes(names)}"
         )
         raise ValueError(msg)
     return names[int(number)]
@@ -165,11 +169,10 @@ def _label(word: str, names: Mapping[int, str]) -> str:
 
 def _numbers(words: Sequence[str]) -> FloatArray:
     """Read ratios of the picture's size, and perhaps a confidence."""
-    try:
-        numbers = np.array([float(word) for word in words], dtype=np.float64)
-    except ValueError as error:
-        msg = f"a line must hold numbers; got {' '.join(words)!r}."
-        raise ValueError(msg) from error
+    numbers = np.array([number_of(word) for word in words], dtype=np.float64)
+    if np.isnan(numbers).any():
+        msg = f"a line must hold numbers; got {quoted(' '.join(words))}."
+        raise ValueError(msg)
     off = ~((numbers >= -_OVERHANG) & (numbers <= 1 + _OVERHANG))
     if off.any():
         msg = (

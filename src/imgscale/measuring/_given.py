@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imgscale._checks import as_array
@@ -31,10 +30,4 @@ def given_array(name: str, law: str, value: ArrayLike) -> NDArray[Any]:
     ValueError
         If it is none, or masks some of its entries: what lies under a mask is no value.
     """
-    if np.ma.is_masked(value):
-        msg = (
-            f"`{name}` must be {law}, with no masked entry; got a masked array. Fill it first: "
-            "array.filled(value)."
-        )
-        raise ValueError(msg)
     return as_array(name, law, value)
