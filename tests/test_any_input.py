@@ -1,4 +1,7 @@
 import warnings
+from importlib import import_module
+from importlib.resources import files
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -6,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import imgscale as ims
-from imgscale import batch, measuring
+from imgscale import batch, measuring, plotting
+from imgscale.order_statistics import box_quantiles
 
 BOXES = ((10.0, 10.0, 30.0, 50.0), (50.0, 20.0, 90.0, 60.0), (20.0, 60.0, 40.0, 80.0))
 VALUES = np.linspace(2.0, 9.0, 80 * 100).reshape(80, 100)
@@ -22,6 +26,9 @@ ESTIMATES = tuple(ims.predict(MODEL, DETECTIONS, MAP))
 FIT = {"priors": TABLE, "ground": None, "camera": None, "method": "posterior", "noise": ims.Noise()}
 MASK = np.zeros((80, 100), dtype=bool)
 MASK[20:60, 30:60] = True
+GROUND = ims.fit(DETECTIONS, PLANE, TABLE)
+PHOTO = np.zeros((80, 100, 3), np.uint8)
+PRIORS = str(files(ims).joinpath("tables", "priors_2026_11.csv"))
 COLUMNS = {
     "image_id": np.array([1, 1, 2, 2]),
     "label": np.array(["person", "car", "person", "box"]),
@@ -154,6 +161,26 @@ CALLS = {
     "PriorTable.sizes": (TABLE.sizes, {"label": "car"}),
     "PriorTable.with_prior": (TABLE.with_prior, {"prior": ims.ObjectPrior("crate", 1.0, 0.1)}),
     "PriorTable.default": (ims.PriorTable.default, {"region": "eu"}),
+    "PriorTable.from_csv": (
+        ims.PriorTable.from_csv,
+        {"path": PRIORS, "region": "eu", "max_bytes": 10_000_000},
+    ),
+    "FittedPlane.as_prior": (
+        GROUND.plane.as_prior,
+        {"image_size": (100, 80), "jitter_px": 1.0, "jitter_deg": 0.1},
+    ),
+    "Measurement.table": (
+        ims.measure(PHOTO, detector=DETECTIONS, depth_source=MAP, priors=TABLE).table,
+        {"unit": "m", "level": 0.9},
+    ),
+    "box_quantiles": (
+        box_quantiles,
+        {"depth": MAP, "boxes": DETECTIONS, "q": (0.25, 0.5)},
+    ),
+    "ScaleModel.check_depth": (
+        lambda **given: MODEL.check_depth(**given) or True,
+        {"depth": MAP, "same_scale": False},
+    ),
     "ScaleModel.metres_per_pixel": (MODEL.metres_per_pixel, {"depth": np.array([5.0, 6.0])}),
     "ScaleModel.scale_map": (MODEL.scale_map, {"depth": MAP}),
     "ScaleModel.to_metric": (MODEL.to_metric, {"depth": MAP, "camera": CAMERA}),
@@ -178,7 +205,7 @@ CALLS = {
     "measure": (
         ims.measure,
         {
-            "image": np.zeros((80, 100, 3), np.uint8),
+            "image": PHOTO,
             "detector": DETECTIONS,
             "depth_source": MAP,
             "axis": "height",
@@ -243,6 +270,77 @@ CALLS = {
     ),
 }
 
+# Calls that need an extra, where it is there.
+OF_BATCH = {
+    "label": "label",
+    "pixels": "pixels",
+    "depth": "depth",
+    "priors": TABLE,
+    "kind": "metric",
+    "partial": None,
+    "axis": "height",
+    "image_size": (100, 80),
+    "noise": ims.Noise(),
+    "method": "robust",
+    "level": 0.9,
+}
+if find_spec("pandas"):
+    frame = import_module("pandas").DataFrame(COLUMNS)
+    CALLS["batch.fit_table"] = (
+        batch.fit_table,
+        {"frame": frame, "image_id": "image_id", **OF_BATCH},
+    )
+if find_spec("pyarrow"):
+    halves = (slice(0, 2), slice(2, 4))
+    lists = {name: [column[part].tolist() for part in halves] for name, column in COLUMNS.items()}
+    CALLS["batch.fit_arrow"] = (
+        batch.fit_arrow,
+        {"table": import_module("pyarrow").table(lists), **OF_BATCH},
+    )
+if find_spec("matplotlib"):
+    axes = import_module("matplotlib.figure").Figure(figsize=(2, 2)).subplots()
+    DRAWN = {
+        "plotting.draw_sizes": {
+            "image": PHOTO,
+            "detections": DETECTIONS,
+            "estimates": ESTIMATES,
+            "model": MODEL,
+            "unit": "m",
+            "level": 0.9,
+            "ax": axes,
+        },
+        "plotting.draw_scale_bar": {
+            "model": MODEL,
+            "depth": MAP,
+            "at": (20.0, 30.0),
+            "image": PHOTO,
+            "length_m": 1.0,
+            "unit": "m",
+            "same_scale": False,
+            "ax": axes,
+        },
+        "plotting.draw_scale_map": {
+            "model": MODEL,
+            "depth": MAP,
+            "image": PHOTO,
+            "unit": "m",
+            "same_scale": False,
+            "ax": axes,
+        },
+        "plotting.draw_residuals": {"model": MODEL, "level": 0.9, "ax": axes},
+        "plotting.draw_ground_plane": {
+            "model": GROUND,
+            "image": PHOTO,
+            "camera": CAMERA,
+            "extent_m": 10.0,
+            "level": 0.9,
+            "ax": axes,
+        },
+    }
+    CALLS |= {
+        name: (getattr(plotting, name.partition(".")[2]), valid) for name, valid in DRAWN.items()
+    }
+
 # Public names that are no calls of a user's, or whose hostile input other files hold.
 ELSEWHERE = {
     "Depth": "a union of types",
@@ -269,8 +367,6 @@ ELSEWHERE = {
     "batch.BatchResult": "a result",
     "batch.ImageColumns": "a result",
     "batch.RowColumns": "a result",
-    "batch.fit_arrow": "test_arrow.py",
-    "batch.fit_table": "test_frames.py",
     "measuring.Extent": "a result",
     "measuring.Quantity": "a result",
 }
@@ -342,7 +438,7 @@ def outcome(name, argument, value):
     try:
         result = call(**arguments)
     except FileNotFoundError:
-        assert argument == "image"  # a string is the path of a picture
+        assert argument in {"image", "path"}  # a string is the path of a file
         result = None
     except (ValueError, TypeError, ims.ImgscaleError) as error:
         check_own(error, value)
@@ -366,10 +462,18 @@ def innermost_module(error):
 def test_the_table_names_every_public_callable():
     public = {
         prefix + name
-        for module, prefix in ((ims, ""), (batch, "batch."), (measuring, "measuring."))
+        for module, prefix in (
+            (ims, ""),
+            (batch, "batch."),
+            (measuring, "measuring."),
+            (plotting, "plotting."),
+        )
         for name in module.__all__
     }
-    assert public == {name for name in {*CALLS, *ELSEWHERE} if name in public}
+    extras = {"plotting": "matplotlib", "batch.fit_table": "pandas", "batch.fit_arrow": "pyarrow"}
+    absent = tuple(name for name, package in extras.items() if not find_spec(package))
+    missing = public - {*CALLS, *ELSEWHERE}
+    assert not {name for name in missing if not absent or not name.startswith(absent)}
     assert not set(CALLS) & set(ELSEWHERE)
 
 
@@ -470,3 +574,17 @@ def plain_of(result):
 @given(data=st.data())
 def test_a_hostile_argument_gives_a_result_or_the_packages_own_error(name, argument, data):
     outcome(name, argument, data.draw(HOSTILE))
+
+
+@pytest.mark.parametrize("jitter", ["jitter_px", "jitter_deg"])
+def test_how_far_a_camera_moves_is_not_negative(jitter):
+    with pytest.raises(ValueError, match=f"`{jitter}` must be finite and not negative; got -4.0"):
+        GROUND.plane.as_prior((100, 80), **{jitter: -4})
+
+
+@pytest.mark.parametrize("name", [name for name in CALLS if name.startswith("batch.fit_table")])
+@pytest.mark.parametrize("argument", ["image_id", "label", "pixels", "depth"])
+def test_a_column_that_is_needed_has_a_name(name, argument):
+    call, valid = CALLS[name]
+    with pytest.raises(TypeError, match=f"`{argument}` must be the name of a column; got None"):
+        call(**{**valid, argument: None})

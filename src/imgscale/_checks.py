@@ -84,12 +84,19 @@ def positive(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
         raise number_error(attribute.name, "between 1e-100 and 1e100", value)
 
 
+def non_negative_number(name: str, value: float) -> float:
+    """Return a number as `float`; raise unless it is at or above zero, and at most 1e100."""
+    number = as_float(value)
+    if not (_is_real(number) and 0 <= number < math.inf):
+        raise number_error(name, "finite and not negative", number)
+    if number > _MOST:
+        raise number_error(name, "at most 1e100", number)
+    return number
+
+
 def non_negative(_: object, attribute: attrs.Attribute[Any], value: float) -> None:
     """Validate a finite number at or above zero, at most 1e100."""
-    if not (_is_real(value) and 0 <= value < math.inf):
-        raise number_error(attribute.name, "finite and not negative", value)
-    if value > _MOST:
-        raise number_error(attribute.name, "at most 1e100", value)
+    non_negative_number(attribute.name, value)
 
 
 def share(_: object, attribute: attrs.Attribute[Any], value: float) -> None:

@@ -11,7 +11,7 @@ import stat
 from collections.abc import Generator
 from contextlib import contextmanager
 from os import PathLike
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 from imgscale.errors import FileError
 
@@ -111,9 +111,15 @@ def open_file(path: str | PathLike[str]) -> BinaryIO:
     FileError
         If it is a folder, a pipe or a device: those have no end, or wait for one; if its name is
         none, or longer than the system takes.
+    TypeError
+        If the path is none.
     OSError
         If there is no such file, or it may not be read.
     """
+    given = cast("object", path)
+    if not isinstance(given, (str, bytes, PathLike)):
+        msg = f"`path` must be a string or path-like; got {quoted(given)}."
+        raise TypeError(msg)
     with in_file(ascii(path)):  # what no system takes for a name, such as one with a NUL
         try:
             kind = stat.S_IFMT(os.stat(path).st_mode)  # noqa: PTH116 - not of an integer

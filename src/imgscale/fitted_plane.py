@@ -6,6 +6,7 @@ import math
 
 import attrs
 
+from imgscale._checks import non_negative_number
 from imgscale._typing import ImageSize
 from imgscale.depth import GroundPlane
 
@@ -60,6 +61,13 @@ class FittedPlane:
         GroundPlane
             To be given to `fit`, which then finds what that picture has of its own.
 
+        Raises
+        ------
+        ValueError
+            If `jitter_px` or `jitter_deg` is not finite and >= 0, or `image_size` breaks its law.
+        TypeError
+            If one of them is no number.
+
         Examples
         --------
         >>> from imgscale import FittedPlane
@@ -68,12 +76,14 @@ class FittedPlane:
         >>> plane.as_prior((1242, 375), jitter_px=4.0).horizon_std_px
         5.0
         """
+        horizon_px = non_negative_number("jitter_px", jitter_px)
+        roll_deg = non_negative_number("jitter_deg", jitter_deg)
         return GroundPlane(
             image_size=image_size,
             horizon_px=self.horizon_px,
-            horizon_std_px=math.hypot(self.horizon_std_px, jitter_px),
+            horizon_std_px=math.hypot(self.horizon_std_px, horizon_px),
             camera_height_m=self.camera_height_m,
             camera_height_std_m=self.camera_height_std_m,
             roll_deg=self.roll_deg,
-            roll_std_deg=math.hypot(self.roll_std_deg, jitter_deg),
+            roll_std_deg=math.hypot(self.roll_std_deg, roll_deg),
         )

@@ -22,7 +22,7 @@ def check_names(asked: Mapping[str, object], there: Iterable[object], added: Seq
     Parameters
     ----------
     asked : mapping of str to object
-        Names of columns by the argument that gave them; None where there is none to be.
+        Names of columns by the argument that gave them; that of "partial" may be None.
     there : iterable of object
         The names that the table has.
     added : sequence of str
@@ -37,7 +37,7 @@ def check_names(asked: Mapping[str, object], there: Iterable[object], added: Seq
     """
     known = list(there)
     for argument, name in asked.items():
-        if name is None:
+        if name is None and argument == "partial":  # the only one that may be left out
             continue
         if not isinstance(name, str):
             msg = f"`{argument}` must be the name of a column; got {name!r}."

@@ -123,7 +123,9 @@ def fit_arrow(
     asked = {"label": label, "pixels": pixels, "depth": depth, "partial": partial}
     check_names(asked, given.column_names, (*_PER_IMAGE, *_PER_OBJECT))
     lists = {
-        name: _read(pa, name, given.column(column)) for name, column in asked.items() if column
+        name: _read(pa, name, given.column(column))
+        for name, column in asked.items()
+        if column is not None
     }
     extents = lists["pixels"]
     _check_lengths(lists, asked)
@@ -144,7 +146,7 @@ def fit_arrow(
         labels=names,
         axis=axis,
         image_size=image_size,
-        partial=_truths(pa, partial, lists["partial"]) if partial else None,
+        partial=_truths(pa, partial, lists["partial"]) if partial is not None else None,
         noise=noise,
         method=method,
         level=level,

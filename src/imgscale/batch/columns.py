@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from sys import float_info
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -12,11 +11,9 @@ from numpy.typing import ArrayLike
 from imgscale._checks import (
     as_array,
     as_image_size,
-    as_optional_float,
     check_choice,
     check_type,
-    is_between,
-    number_error,
+    non_negative_number,
 )
 from imgscale._depth_values import (
     METRIC_SCALES,
@@ -343,10 +340,7 @@ def _options(
     check_choice("axis", axis, SIZE_AXES)
     check_choice("method", method, METHODS)
     check_type("noise", noise, Noise)
-    told = as_optional_float(depth_rel_std)
-    if told is not None and not is_between(told, 0, _MOST):
-        name, lawful = "depth_rel_std", is_between(told, 0, float_info.max)
-        raise number_error(name, "at most 1e100" if lawful else "finite and not negative", told)
+    told = None if depth_rel_std is None else non_negative_number("depth_rel_std", depth_rel_std)
     table = PriorTable.default() if priors is None else priors
     check_type("priors", table, PriorTable, " Wrap rows as PriorTable([...]).")
     law, unknown_noise = LAWS[kind], told is None and noise.depth_rel is None

@@ -146,7 +146,7 @@ def fit_table(
         labels=names,
         axis=axis,
         image_size=image_size,
-        partial=_truths(nw, given[partial]) if partial else None,
+        partial=_truths(nw, given[partial]) if partial is not None else None,
         noise=noise,
         method=method,
         level=level,

@@ -453,8 +453,6 @@ def _firm(block: Ordered, grid: Grid, least_var: FloatArray, information: FloatA
     own_reach = np.where(is_firm, 2 * _REACH * firm_std, np.inf)
     reach = own_reach + _REACH * most
     first, last = np.maximum(grid.first, place - reach), np.minimum(grid.last, place + reach)
-    beyond = first >= last  # all others are
-    first, last = np.where(beyond, place - reach, first), np.where(beyond, place + reach, last)
     # points of v: each label with an offset is as sharp as that and its references together
     sharpness = np.where(tau > 0, information + 1 / np.where(tau > 0, tau, 1.0) ** 2, 0.0)
     sharpest = np.sqrt(np.maximum.reduceat(sharpness, first_group))

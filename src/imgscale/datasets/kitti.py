@@ -22,7 +22,7 @@ import attrs
 import numpy as np
 
 from imgscale._checks import as_known_image_size, check_choice, positive_number, within
-from imgscale._reading import decoding, number_of, quoted, read_text
+from imgscale._reading import decoding, number_of, quoted, read_bytes, read_text
 from imgscale._typing import BoolArray, FloatArray, ImageArray, ImageSize
 from imgscale.camera import Camera
 from imgscale.depth import Depth, DepthMap, ObjectDepths
@@ -31,6 +31,7 @@ from imgscale.depth_sources.lidar import depth_from_points
 from imgscale.depth_sources.stereo import StereoDepth
 from imgscale.detection import Detection
 from imgscale.detectors.kitti import KittiObject, objects_from_kitti
+from imgscale.errors import FileError
 from imgscale.frame import Frame
 from imgscale.picture import opened_picture
 
@@ -257,12 +258,13 @@ def _known(size: ImageSize | None, picture: Path) -> ImageSize:
 
 
 def _scan_depth(path: Path, projection: FloatArray, size: ImageSize) -> DepthMap:
-    numbers = np.fromfile(_needed(path, "LiDAR scan"), dtype="<f4")
-    if numbers.size == 0 or numbers.size % 4:
-        msg = f"{path} must hold four float32 for each point; got {numbers.size} numbers."
-        raise ValueError(msg)
+    content = read_bytes(_needed(path, "LiDAR scan"))
+    if not content or len(content) % 16:
+        msg = f"{path} must hold four float32 for each point; got {len(content)} bytes."
+        raise FileError(msg)
+    points = np.frombuffer(content, dtype="<f4").reshape(-1, 4)
     with within(path):
-        return depth_from_points(numbers.reshape(-1, 4)[:, :3], projection, size)
+        return depth_from_points(points[:, :3], projection, size)
 
 
 def _scanner_to_camera(path: Path, matrices: dict[str, str]) -> FloatArray:

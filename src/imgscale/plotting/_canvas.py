@@ -59,6 +59,9 @@ def check_photo(image: Picture | NDArray[Any]) -> NDArray[Any]:
         return upright_rgb(image)
     law = "`image` must be (H, W), (H, W, 3) or (H, W, 4), uint8 or float from 0 to 1"
     array = cast("NDArray[Any]", image)
+    if np.ma.is_masked(array):
+        msg = f"{law}, with no masked entry; got a masked array. Fill it first: image.filled(0)."
+        raise ValueError(msg)
     if not (2 <= array.ndim <= 3 and array.shape[2:] in {(), (3,), (4,)} and array.size):
         msg = f"{law}; got shape {array.shape}."
         raise ValueError(msg)
