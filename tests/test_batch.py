@@ -270,6 +270,7 @@ def test_no_reference_anywhere_gives_no_scale(method):
         ({"depth_rel_std": -0.1}, ValueError, "`depth_rel_std` must be finite and not negative"),
         ({"depth_rel_std": 1 + 0j}, TypeError, "`depth_rel_std` must be finite and not negative"),
         ({"depth_rel_std": 1e200}, ValueError, "`depth_rel_std` must be at most 1e100"),
+        ({"image_id": [0j, 1j]}, TypeError, "`image_id` must be integers or strings; got dtype"),
         ({"priors": [("car", 1.5)]}, TypeError, "PriorTable"),
     ],
 )  # fmt: skip

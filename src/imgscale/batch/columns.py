@@ -177,7 +177,7 @@ def fit_columns(
     Parameters
     ----------
     image_id : (N,) array_like
-        Which image each object is in: integers or anything that sorts. In order is faster.
+        Which image each object is in: integers, strings or dates. In order is faster.
     label : (N,) array_like of str or int
         The label of each object, or its code in `labels`, which is faster; -1 has none.
     pixels : (N,) array_like of float
@@ -316,11 +316,14 @@ def _checked(
 def _as_ids(image_id: ArrayLike) -> np.ndarray[Any, np.dtype[Any]]:
     """Turn ids into an array that can be sorted."""
     ids = as_array("image_id", "one id per object", image_id)
-    if ids.dtype.kind == "O" and not all(isinstance(one, str) for one in ids.flat):
-        msg = "`image_id` must be integers or strings; got other objects."
+    is_other = ids.dtype.kind == "O" and not all(isinstance(one, str) for one in ids.flat)
+    if is_other or ids.dtype.kind in "cV":  # which have no order
+        got = "other objects" if is_other else f"dtype {ids.dtype}"
+        msg = f"`image_id` must be integers or strings; got {got}."
         raise TypeError(msg)
-    if ids.dtype.kind == "f" and np.isnan(ids).any():
-        msg = f"`image_id` must tell the image of each object; got NaN at {np.isnan(ids).argmax()}."
+    if ids.dtype.kind in "fM" and np.isnan(ids).any():
+        seen, at = ids[np.isnan(ids)][0], np.isnan(ids).argmax()
+        msg = f"`image_id` must tell the image of each object; got {seen} at index {at}."
         raise ValueError(msg)
     return ids
 
